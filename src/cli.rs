@@ -1,0 +1,292 @@
+//! Words on the command line → options → a run → words for people and an exit status.
+
+mod commands;
+mod progress;
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::config::{Compression, Config, Estimator, ImageFormat, Method, Spreading, with_nearest_key};
+use crate::error::{Error, Result};
+use crate::image::transfer::Transfer;
+use crate::pipeline::{Options, survey::Selection};
+use crate::recording::Window;
+use crate::vehicle::RigFile;
+
+pub use commands::run;
+
+/// How a command ended; `main` turns it into an exit status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// 0
+    Done,
+    /// 3: done, with losses that are listed
+    DoneWithLosses,
+}
+
+/// Takes the water out of dive logs.
+///
+/// Reads camera and DVL channels from an MCAP recording, estimates what the water and the strobe did to the light,
+/// corrects every image, and writes a new MCAP that Foxglove and rerun play back.
+#[derive(Debug, Parser)]
+#[command(name = "unwater", version, max_term_width = 110, arg_required_else_help = true)]
+pub struct Cli {
+    /// what to do
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Estimate and correct: a dive log in, a corrected log out
+    #[command(after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap -o clear.mcap --depth 16\n  unwater correct dive2.mcap --model dive1.model.json\n\nExit status: 0 done; 1 failed, nothing written; 2 bad usage; 3 done, with losses that are listed.")]
+    Correct(Correct),
+    /// Pass one alone: write a model that corrects this dive, or others of the same water and strobe
+    #[command(after_help = "Examples:\n  unwater estimate dive.mcap\n  unwater estimate dive_1.mcap dive_2.mcap -o dive.model.json")]
+    Estimate(EstimateArgs),
+    /// Show what a log holds, what is missing, and what would be done
+    #[command(after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .camera")]
+    Inspect(Inspect),
+    /// Write a commented rig file with what the log knows, the rest marked to be filled in
+    #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml")]
+    Init(Init),
+    /// Print every setting with its effective value, unit and reason
+    #[command(after_help = "Examples:\n  unwater config > unwater.toml\n  unwater config --config unwater.toml --depth 16")]
+    Config(ConfigArgs),
+}
+
+/// `correct`
+#[derive(Debug, Args)]
+pub struct Correct {
+    /// The dive log
+    #[arg(value_name = "IN.mcap")]
+    pub input: PathBuf,
+    /// Where the corrected log goes [default: IN.corrected.mcap beside IN]
+    #[arg(short, long, value_name = "OUT.mcap")]
+    pub output: Option<PathBuf>,
+    /// Use a model estimated before, from this dive or another (pass two alone)
+    #[arg(long, value_name = "MODEL.json")]
+    pub model: Option<PathBuf>,
+    /// Print the report as JSON
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub shared: Shared,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub estimate: EstimateOptions,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub render: RenderOptions,
+}
+
+/// `estimate`
+#[derive(Debug, Args)]
+pub struct EstimateArgs {
+    /// The dive logs: one, or several of the same dive, camera and strobe
+    #[arg(value_name = "IN.mcap", required = true)]
+    pub inputs: Vec<PathBuf>,
+    /// Where the model goes [default: IN.model.json beside the first IN; - for stdout]
+    #[arg(short, long, value_name = "MODEL.json")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub shared: Shared,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub estimate: EstimateOptions,
+}
+
+/// `inspect`
+#[derive(Debug, Args)]
+pub struct Inspect {
+    /// The log
+    #[arg(value_name = "IN.mcap")]
+    pub input: PathBuf,
+    /// One JSON document instead of text
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub shared: Shared,
+}
+
+/// `init`
+#[derive(Debug, Args)]
+pub struct Init {
+    /// The log
+    #[arg(value_name = "IN.mcap")]
+    pub input: PathBuf,
+    /// Where the rig file goes (- for stdout)
+    #[arg(short, long, value_name = "RIG.toml", default_value = "rig.toml")]
+    pub output: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub shared: Shared,
+}
+
+/// `config`
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub shared: Shared,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub estimate: EstimateOptions,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub render: RenderOptions,
+}
+
+/// Options that every command takes.
+#[derive(Debug, Args, Default)]
+pub struct Shared {
+    /// Settings (TOML); `unwater config` prints them all
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Facts about the vehicle (TOML), which win over the log's; `unwater init` writes one
+    #[arg(long, value_name = "FILE")]
+    pub rig: Option<PathBuf>,
+    /// The camera's image topic, where the log has several
+    #[arg(long, value_name = "TOPIC")]
+    pub camera: Option<String>,
+    /// The topic of the DVL or altimeter
+    #[arg(long, value_name = "TOPIC")]
+    pub dvl: Option<String>,
+    /// The TF frame of the strobe
+    #[arg(long, value_name = "NAME")]
+    pub strobe_frame: Option<String>,
+    /// Begin here (log time, inclusive): nanoseconds or RFC 3339
+    #[arg(short = 'S', long, value_name = "TIME", value_parser = moment)]
+    pub start: Option<u64>,
+    /// End here (log time, exclusive)
+    #[arg(short = 'E', long, value_name = "TIME", value_parser = moment)]
+    pub end: Option<u64>,
+    /// Cores to use; 0 means all. The output's bytes do not depend on it
+    #[arg(short = 'j', long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Overwrite the output
+    #[arg(long)]
+    pub force: bool,
+    /// Say nothing but errors and results
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Say more
+    #[arg(short, long, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+    /// How codes become light: auto, linear, srgb, gamma:G
+    #[arg(long, value_name = "T")]
+    pub transfer: Option<Transfer>,
+}
+
+/// Options of pass one.
+#[derive(Debug, Args, Default)]
+#[command(next_help_heading = "Estimating")]
+pub struct EstimateOptions {
+    /// How attenuation is estimated
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub estimator: Option<Estimator>,
+    /// How the strobe's light spreads
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub spreading: Option<Spreading>,
+    /// Frames that pass one looks at, at most
+    #[arg(long, value_name = "N")]
+    pub max_frames: Option<usize>,
+}
+
+/// Options of pass two.
+#[derive(Debug, Args, Default)]
+#[command(next_help_heading = "Correcting and writing")]
+pub struct RenderOptions {
+    /// What is removed (Fig. 10, Eq. 14 of the paper)
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub method: Option<Method>,
+    /// Undo lens distortion as well
+    #[arg(long)]
+    pub rectify: bool,
+    /// Container of corrected images
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub image_format: Option<ImageFormat>,
+    /// 1 to 100
+    #[arg(long, value_name = "Q")]
+    pub jpeg_quality: Option<u8>,
+    /// 8 (sRGB-coded) or 16 (linear) bits
+    #[arg(long, value_name = "BITS")]
+    pub depth: Option<u8>,
+    /// Compression of chunks
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub compression: Option<Compression>,
+    /// Leave out the corrected camera's own images
+    #[arg(long)]
+    pub drop_raw: bool,
+    /// Keep only input topics that match; what unwater adds stays
+    #[arg(long, value_name = "TOPIC_REGEX")]
+    pub only: Option<String>,
+}
+
+/// Nanoseconds or RFC 3339.
+fn moment(word: &str) -> std::result::Result<u64, String> {
+    if let Ok(nanos) = word.parse() {
+        return Ok(nanos);
+    }
+    let time = humantime::parse_rfc3339_weak(word).map_err(|_not_a_time| format!("{word:?} is neither nanoseconds nor RFC 3339 (2026-05-01T10:00:00Z)"))?;
+    let since = time.duration_since(std::time::UNIX_EPOCH).map_err(|_early| format!("{word:?} lies before 1970"))?;
+    u64::try_from(since.as_nanos()).map_err(|_late| format!("{word:?} is too far off"))
+}
+
+impl Shared {
+    /// Said → meant.
+    ///
+    /// # Errors
+    /// A file cannot be read, or says what cannot be meant.
+    pub fn options(&self, estimate: &EstimateOptions, render: &RenderOptions) -> Result<Options> {
+        let read = |path: &PathBuf| std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source });
+        let mut config = match &self.config {
+            None => Config::default(),
+            Some(path) => Config::from_toml(&read(path)?).map_err(|reason| Error::BadFile { path: path.clone(), what: "a setting", reason })?,
+        };
+        let rig = match &self.rig {
+            None => RigFile::default(),
+            Some(path) => toml::from_str(&read(path)?).map_err(|e| {
+                let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio translation_m rotation_xyzw roll_pitch_yaw_deg";
+                Error::BadFile { path: path.clone(), what: "a fact", reason: with_nearest_key(&e, known.split(' ')) }
+            })?,
+        };
+        fn set<T: Copy>(target: &mut T, said: Option<T>) {
+            if let Some(said) = said {
+                *target = said;
+            }
+        }
+        set(&mut config.light.transfer, self.transfer);
+        set(&mut config.estimate.estimator, estimate.estimator);
+        set(&mut config.estimate.spreading, estimate.spreading);
+        set(&mut config.estimate.max_frames, estimate.max_frames);
+        set(&mut config.render.method, render.method);
+        set(&mut config.render.image_format, render.image_format);
+        set(&mut config.render.jpeg_quality, render.jpeg_quality);
+        set(&mut config.render.depth, render.depth);
+        set(&mut config.output.compression, render.compression);
+        config.render.rectify |= render.rectify;
+        config.output.drop_raw |= render.drop_raw;
+        if render.only.is_some() {
+            config.output.only.clone_from(&render.only);
+        }
+        config.ensure_valid().map_err(Error::Usage)?;
+        let window = match (self.start, self.end) {
+            (None, None) => None,
+            (start, end) => {
+                let window = Window { start: start.unwrap_or(0), end: end.unwrap_or(u64::MAX) };
+                if window.start >= window.end {
+                    return Err(Error::Usage("-S must lie before -E".into()));
+                }
+                Some(window)
+            }
+        };
+        let selection = Selection { camera: self.camera.clone(), dvl: self.dvl.clone(), strobe_frame: self.strobe_frame.clone() };
+        Ok(Options { config, rig, selection, window, threads: self.threads, force: self.force })
+    }
+}

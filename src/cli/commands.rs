@@ -1,0 +1,382 @@
+//! One function per command: run it, say what came of it. Results go to stdout, everything else to stderr.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde_json::json;
+
+use super::progress::Bar;
+use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Init, Inspect, RenderOptions};
+use crate::error::{Error, Result};
+use crate::messages::TYPES;
+use crate::model::ModelFile;
+use crate::pipeline::{self, Options, corrected_topic, output_container, survey};
+use crate::image::Container;
+use crate::recording::Recording;
+use crate::report::Report;
+use crate::vehicle::{MountFacts, RigFile};
+
+/// Carries out what was said.
+///
+/// # Errors
+/// What went wrong, with the remedy.
+pub fn run(cli: Cli) -> Result<Ended> {
+    match cli.command {
+        Command::Correct(args) => correct(&args),
+        Command::Estimate(args) => estimate(&args),
+        Command::Inspect(args) => inspect(&args),
+        Command::Init(args) => init(&args),
+        Command::Config(args) => config(&args),
+    }
+}
+
+/// `dive.mcap` → `dive.<suffix>` beside it.
+fn beside(input: &Path, suffix: &str) -> PathBuf {
+    let name = input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = name.strip_suffix(".mcap").unwrap_or(&name);
+    input.with_file_name(format!("{stem}.{suffix}"))
+}
+
+/// Results: a closed pipe (`| head`) is no error.
+fn say(text: &str) {
+    let _closed_pipe = std::io::stdout().write_all(text.as_bytes());
+}
+
+fn correct(args: &Correct) -> Result<Ended> {
+    let options = args.shared.options(&args.estimate, &args.render)?;
+    let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "corrected.mcap"));
+    let model = match &args.model {
+        None => None,
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            Some(ModelFile::from_json(&text).map_err(|reason| Error::BadFile { path: path.clone(), what: "not a model", reason })?)
+        }
+    };
+    let given = model.is_some();
+    let (report, model) = pipeline::correct(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
+    if !args.shared.quiet {
+        complain(&report.warnings, &report.remarks, args.shared.verbose);
+        for damage in &report.damage {
+            eprintln!("lost: {} (byte {}, log time {} to {})", damage.reason, damage.offset, damage.start_ns, damage.end_ns);
+        }
+    }
+    if args.json {
+        say(&report.to_json());
+    } else if !args.shared.quiet {
+        say(&summary(&report, &model, given, &output));
+    }
+    Ok(if report.has_losses() { Ended::DoneWithLosses } else { Ended::Done })
+}
+
+fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
+    for warning in warnings {
+        eprintln!("warning: {warning}");
+    }
+    for remark in remarks.iter().filter(|_| verbose > 0) {
+        eprintln!("note: {remark}");
+    }
+}
+
+fn attenuation_text(model: &ModelFile) -> String {
+    let values: Vec<String> = model.attenuation_per_m.iter().zip(&model.attenuation_std_per_m).map(|(a, s)| format!("{a:.3} ± {s:.3}")).collect();
+    let sure = if model.identified { "" } else { ", not identified" };
+    format!("{} per metre ({}, {} estimator{sure})", values.join(" / "), model.attenuation_kind, model.estimator)
+}
+
+/// Ten lines for people.
+fn summary(report: &Report, model: &ModelFile, given: bool, output: &Path) -> String {
+    let mut text = String::new();
+    let mut line = |name: &str, value: &str| {
+        let _infallible = writeln!(text, "{name:<12} {value}");
+    };
+    line("frames", &format!("{} of {} corrected", report.corrected, report.frames));
+    for (reason, count) in &report.uncorrected {
+        line("", &format!("{count} passed uncorrected: {reason}"));
+    }
+    let source = if given { ", from the model given" } else { "" };
+    line("attenuation", &format!("{}{source}", attenuation_text(model)));
+    if let Some([low, high]) = report.camera_altitude_m {
+        let planes: Vec<String> = report.planes.iter().map(|(k, v)| format!("{v} {k}")).collect();
+        line("altitude", &format!("{low:.2} to {high:.2} m (planes: {})", planes.join(", ")));
+    }
+    let share = |name: &str| 100.0 * report.mean_shares.get(name).copied().unwrap_or(0.0);
+    line(
+        "pixels",
+        &format!(
+            "{:.2} % clipped in, {:.2} % clipped out, {:.2} % gain capped, {:.2} % off the seafloor",
+            share("clipped_input"),
+            share("clipped_output"),
+            share("gain_capped"),
+            share("off_surface")
+        ),
+    );
+    line("messages", &format!("{} copied, {} added", report.messages_copied, report.messages_added));
+    line("written", &output.display().to_string());
+    line("look at it", &format!("rerun {0}   or open it in Foxglove: {1}", output.display(), report.corrected_topic));
+    text
+}
+
+fn estimate(args: &EstimateArgs) -> Result<Ended> {
+    let options = args.shared.options(&args.estimate, &RenderOptions::default())?;
+    let first = args.inputs.first().cloned().unwrap_or_default();
+    let output = args.output.clone().unwrap_or_else(|| beside(&first, "model.json"));
+    let to_stdout = output.as_os_str() == "-";
+    if !to_stdout {
+        for input in &args.inputs {
+            crate::recording::ensure_distinct(input, &output, options.force)?;
+        }
+    }
+    let inputs: Vec<&Path> = args.inputs.iter().map(PathBuf::as_path).collect();
+    let (model, warnings) = pipeline::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
+    if !args.shared.quiet {
+        complain(&warnings, &[], args.shared.verbose);
+        for why in &model.not_identified_because {
+            eprintln!("warning: attenuation is not identified: {why}");
+        }
+    }
+    if to_stdout {
+        say(&model.to_json());
+        return Ok(Ended::Done);
+    }
+    write_text(&output, &model.to_json())?;
+    if !args.shared.quiet {
+        say(&format!("attenuation  {}\nwritten      {}\n", attenuation_text(&model), output.display()));
+    }
+    Ok(Ended::Done)
+}
+
+/// Writes a small file under a temporary name first.
+fn write_text(path: &Path, text: &str) -> Result<()> {
+    let failed = |source| Error::Write { path: path.into(), source };
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
+    std::fs::write(&temporary, text).map_err(failed)?;
+    std::fs::rename(&temporary, path).map_err(failed)
+}
+
+fn config(args: &ConfigArgs) -> Result<Ended> {
+    let options = args.shared.options(&args.estimate, &args.render)?;
+    say(&options.config.to_commented_toml());
+    Ok(Ended::Done)
+}
+
+fn inspect(args: &Inspect) -> Result<Ended> {
+    let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
+    let (recording, mut scan) = match pipeline::open(&args.input, &options) {
+        Err(Error::Empty { .. }) if options.window.is_none() => {
+            let mut recording = Recording::open(&args.input)?;
+            let scan = pipeline::scan::scan(&mut recording, crate::recording::Window::ALL, &options.rig.dvl);
+            (recording, scan)
+        }
+        other => other?,
+    };
+    let channels: Vec<_> = recording
+        .channels
+        .iter()
+        .map(|(id, c)| {
+            let scanned = scan.channels.get(id);
+            let decoder = scan.decoders.get(id);
+            json!({
+                "topic": c.topic,
+                "messages": scanned.map_or(0, |s| s.count),
+                "schema": recording.schemas.get(&c.schema_id).map_or("", |s| s.name.as_str()),
+                "message_encoding": c.message_encoding,
+                "read_as": decoder.map(|d| d.message_type.kind.word()),
+                "shape_of": decoder.map(|d| d.message_type.name),
+                "frame_id": scanned.map_or("", |s| s.frame_id.as_str()),
+                "description": scanned.map_or("", |s| s.description.as_str()),
+                "clock_offset_s": scanned.and_then(|s| s.clock_offset_s),
+                "unreadable": scanned.map_or(0, |s| s.unreadable.0),
+                "complaint": scanned.and_then(|s| s.unreadable.1.clone()),
+            })
+        })
+        .collect();
+    let damage = scan.damage.clone();
+    let (messages, span) = (scan.messages, scan.span);
+    let survey = survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
+    let plan = survey.as_ref().ok().map(|s| {
+        let planes: Vec<_> = s.frames.iter().map(|f| s.pings.seafloor(f.stamp, &s.rig, &options.config.seafloor)).collect();
+        let altitudes: Vec<f64> = planes
+            .iter()
+            .flatten()
+            .map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector()))
+            .collect();
+        let container = output_container(s.container, &options.config);
+        json!({
+            "camera": s.camera_topic,
+            "frames": s.frames.len(),
+            "frames_with_seafloor": altitudes.len(),
+            "camera_altitude_m": if altitudes.is_empty() { None } else { Some([altitudes.iter().copied().fold(f64::INFINITY, f64::min), altitudes.iter().copied().fold(0.0, f64::max)]) },
+            "dvl": s.dvl_topic,
+            "pings": s.pings.all().len(),
+            "attitude": s.attitude_topic,
+            "strobe": s.rig.strobe.source,
+            "white_level": s.white_level,
+            "corrected_topic": corrected_topic(&s.camera_topic, container != Container::Raw),
+            "remarks": s.remarks,
+            "warnings": s.warnings,
+        })
+    });
+    let missing = survey.as_ref().err().map(ToString::to_string);
+    let document = json!({
+        "file": args.input.display().to_string(),
+        "bytes": recording.bytes().len(),
+        "profile": recording.profile,
+        "complete": recording.is_complete,
+        "messages": messages,
+        "start_ns": span.map(|s| s.0),
+        "end_ns": span.map(|s| s.1),
+        "chunks": recording.chunk_count(),
+        "compression": recording.compressions,
+        "attachments": recording.attachments().count(),
+        "metadata": recording.metadata.iter().map(|m| m.name.clone()).collect::<Vec<_>>(),
+        "damage": damage,
+        "channels": channels,
+        "plan": plan,
+        "missing": missing,
+    });
+    if args.json {
+        say(&(serde_json::to_string_pretty(&document).unwrap_or_default() + "\n"));
+    } else {
+        say(&inspect_text(&document));
+    }
+    Ok(if damage.is_empty() { Ended::Done } else { Ended::DoneWithLosses })
+}
+
+fn inspect_text(d: &serde_json::Value) -> String {
+    let mut text = String::new();
+    let mut line = |l: String| text += &(l + "\n");
+    let word = |v: &serde_json::Value| v.as_str().unwrap_or("").to_string();
+    let seconds = d["end_ns"].as_u64().unwrap_or(0).saturating_sub(d["start_ns"].as_u64().unwrap_or(0)) as f64 * 1e-9;
+    line(format!("{}: {} messages over {seconds:.1} s, {} chunks, profile {:?}", word(&d["file"]), d["messages"], d["chunks"], word(&d["profile"])));
+    let list = |v: &serde_json::Value| v.as_array().cloned().unwrap_or_default();
+    let width = list(&d["channels"]).iter().map(|c| word(&c["topic"]).len()).max().unwrap_or(0);
+    for c in list(&d["channels"]) {
+        let read = c["read_as"].as_str().map_or_else(|| "copied".into(), |r| format!("read as {r}"));
+        let description = word(&c["description"]);
+        let more = if description.is_empty() { String::new() } else { format!(", {description}") };
+        line(format!("  {:<width$}  {:>8}  {:<42} {read}{more}", word(&c["topic"]), c["messages"].as_u64().unwrap_or(0), word(&c["schema"])));
+        if let Some(complaint) = c["complaint"].as_str() {
+            line(format!("  {:<width$}            {} unreadable: {complaint}", "", c["unreadable"]));
+        }
+    }
+    for damage in list(&d["damage"]) {
+        line(format!("damage: {} (byte {}, log time {} to {})", word(&damage["reason"]), damage["offset"], damage["start_ns"], damage["end_ns"]));
+    }
+    let plan = &d["plan"];
+    if plan.is_object() {
+        let range = plan["camera_altitude_m"].as_array().map_or_else(String::new, |r| {
+            format!(", camera {:.2} to {:.2} m above it", r[0].as_f64().unwrap_or(f64::NAN), r[1].as_f64().unwrap_or(f64::NAN))
+        });
+        line(format!("would correct {} ({} frames) into {}", word(&plan["camera"]), plan["frames"], word(&plan["corrected_topic"])));
+        line(format!("  seafloor from {} ({} pings): below {} frames{range}", word(&plan["dvl"]), plan["pings"], plan["frames_with_seafloor"]));
+        line(format!("  attitude from {}", plan["attitude"].as_str().unwrap_or("nothing")));
+        line(format!("  strobe from {}", plan["strobe"].as_str().unwrap_or("nothing: taken to sit at the camera")));
+        for remark in list(&plan["remarks"]) {
+            line(format!("  note: {}", word(&remark)));
+        }
+        for warning in list(&plan["warnings"]) {
+            line(format!("  warning: {}", word(&warning)));
+        }
+    }
+    if let Some(missing) = d["missing"].as_str() {
+        line(format!("cannot be corrected as it is: {missing}"));
+        line(format!("types that are read: {}", TYPES.iter().map(|t| t.name).collect::<Vec<_>>().join(", ")));
+    }
+    text
+}
+
+fn init(args: &Init) -> Result<Ended> {
+    let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
+    let to_stdout = args.output.as_os_str() == "-";
+    if !to_stdout {
+        crate::recording::ensure_distinct(&args.input, &args.output, options.force)?;
+    }
+    let (facts, notes) = known_facts(&args.input, &options)?;
+    let text = rig_text(&facts, &args.input, &notes);
+    if to_stdout {
+        say(&text);
+    } else {
+        write_text(&args.output, &text)?;
+        say(&format!("written      {}\n", args.output.display()));
+    }
+    Ok(Ended::Done)
+}
+
+/// What the log knows of the rig; where a mount is missing, what the others are.
+fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)> {
+    let (recording, mut scan) = pipeline::open(input, options)?;
+    match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
+        Ok(s) => Ok((survey::rig_facts(&s.rig), s.warnings)),
+        Err(e @ (Error::NoMount { .. } | Error::NoCalibration { .. } | Error::NoRanges { .. } | Error::Rig(_))) => {
+            // Take what can be had with a stand-in for what is missing, and leave that open in the file.
+            let mut stand_in = options.clone();
+            let (mut open_camera, mut open_dvl) = (false, false);
+            let mut last = e;
+            for _ in 0..2 {
+                let pinhole = stand_in.rig.camera.horizontal_field_of_view_deg.is_none();
+                match &last {
+                    Error::NoCalibration { .. } if pinhole => {
+                        stand_in.rig.camera.horizontal_field_of_view_deg = Some(60.0);
+                        open_camera = true;
+                    }
+                    Error::NoMount { .. } => {
+                        stand_in.rig.dvl.mount = Some(MountFacts { translation_m: [0.0; 3], rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]), roll_pitch_yaw_deg: None });
+                        open_dvl = true;
+                    }
+                    _ => break,
+                }
+                let (recording, mut scan) = pipeline::open(input, &stand_in)?;
+                match survey::survey(&recording, &mut scan, &stand_in.selection, &stand_in.rig, &stand_in.config) {
+                    Ok(s) => {
+                        let mut facts = survey::rig_facts(&s.rig);
+                        if open_camera {
+                            facts.camera = crate::vehicle::CameraFacts { width: facts.camera.width, height: facts.camera.height, mount: facts.camera.mount, ..Default::default() };
+                        }
+                        if open_dvl {
+                            facts.dvl.mount = None;
+                        }
+                        return Ok((facts, s.warnings));
+                    }
+                    Err(next) => last = next,
+                }
+            }
+            Ok((RigFile::default(), vec![last.to_string()]))
+        }
+        Err(e) => Err(e),
+    }
+}
+
+fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
+    let mut text = format!("# The rig of {}, for `unwater --rig`. What stands here wins over the log.\n", input.display());
+    for note in notes {
+        text += &format!("# note: {note}\n");
+    }
+    let mut put = |line: &str| text += &(line.to_string() + "\n");
+    let number = |name: &str, v: Option<f64>, unit: &str| v.map_or_else(|| format!("# {name} =   # FILL IN [{unit}]"), |v| format!("{name} = {v:?}  # [{unit}]"));
+    let count = |name: &str, v: Option<usize>| v.map_or_else(|| format!("# {name} =   # FILL IN [px]"), |v| format!("{name} = {v}  # [px]"));
+    let c = &facts.camera;
+    put("\n[camera]\n# calibration in water, for pictures of this size");
+    put(&count("width", c.width));
+    put(&count("height", c.height));
+    for (name, v) in [("fx", c.fx), ("fy", c.fy), ("cx", c.cx), ("cy", c.cy)] {
+        put(&number(name, v, "px"));
+    }
+    match (&c.distortion_model, &c.distortion) {
+        (Some(model), Some(d)) => put(&format!("distortion_model = {model:?}  # plumb_bob, rational_polynomial, equidistant\ndistortion = {d:?}")),
+        _ => put("# distortion_model = \"plumb_bob\"  # or rational_polynomial, equidistant\n# distortion = [0.0, 0.0, 0.0, 0.0, 0.0]"),
+    }
+    if c.fx.is_none() {
+        put("# or, where there is no calibration, the field of view in water:\n# horizontal_field_of_view_deg =   # FILL IN [deg]");
+    }
+    let mount = |section: &str, m: &Option<MountFacts>, what: &str| match m {
+        Some(m) => format!("\n[{section}.mount]  # {what}\ntranslation_m = {:?}\nrotation_xyzw = {:?}", m.translation_m, m.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0])),
+        None => format!("\n# [{section}.mount]  # FILL IN: {what}\n# translation_m = [0.0, 0.0, 0.0]  # place in the body [m]\n# roll_pitch_yaw_deg = [180.0, 0.0, 0.0]  # or rotation_xyzw"),
+    };
+    put(&mount("camera", &c.mount, "optical frame: x right, y down, z out of the lens"));
+    put("\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting");
+    put(&mount("dvl", &facts.dvl.mount, "z along its axis, towards the seafloor"));
+    put(&mount("strobe", &facts.strobe.mount, "z along its beam; where absent the light is taken to sit at the camera"));
+    text
+}

@@ -1,0 +1,431 @@
+//! Every number that is a *choice*, in one place, with its unit, its reason and its default.
+//!
+//! Said → meant in two steps: words on the command line and a TOML file become a [`Config`], valid and
+//! complete. Facts about the vehicle are not here but in the rig. `unwater config` prints [`SETTINGS`]
+//! beside the effective values; what it prints can be given back with `--config`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::image::transfer::Transfer;
+
+/// All choices.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// how codes become light
+    pub light: LightConfig,
+    /// the plane below a frame
+    pub seafloor: SeafloorConfig,
+    /// keypoints and their matches
+    pub matching: MatchingConfig,
+    /// pass one
+    pub estimate: EstimateConfig,
+    /// pass two
+    pub render: RenderConfig,
+    /// the file that is written
+    pub output: OutputConfig,
+}
+
+/// How codes become light.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[allow(missing_docs)] // each key is documented in SETTINGS, which `unwater config` prints
+pub struct LightConfig {
+    pub transfer: Transfer,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub white_level: Option<u16>,
+}
+
+/// The plane below a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct SeafloorConfig {
+    pub pings_each_side: usize,
+    pub ping_window_s: f64,
+    pub max_ping_gap_s: f64,
+    pub max_attitude_gap_s: f64,
+    pub least_altitude_m: f64,
+}
+
+impl Default for SeafloorConfig {
+    fn default() -> Self {
+        Self { pings_each_side: 3, ping_window_s: 1.5, max_ping_gap_s: 1.0, max_attitude_gap_s: 0.5, least_altitude_m: 0.2 }
+    }
+}
+
+/// Keypoints and their matches.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct MatchingConfig {
+    pub detection_side_px: usize,
+    pub keypoints_per_frame: usize,
+    pub contrast_threshold: f64,
+    pub ratio: f64,
+    pub neighbours: usize,
+    pub inlier_px: f64,
+    pub least_inliers: usize,
+    pub footprint_px: f64,
+}
+
+impl Default for MatchingConfig {
+    fn default() -> Self {
+        Self {
+            detection_side_px: 800,
+            keypoints_per_frame: 1200,
+            contrast_threshold: 0.02,
+            ratio: 0.8,
+            neighbours: 4,
+            inlier_px: 2.0,
+            least_inliers: 12,
+            footprint_px: 2.5,
+        }
+    }
+}
+
+/// Which estimator of the attenuation is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Estimator {
+    /// joint where frames overlap, altitude where they do not
+    #[default]
+    Auto,
+    /// attenuation, beam pattern and reflectances in one robust solve
+    Joint,
+    /// Eq. 16 on points seen twice, Eq. 17 for the beam pattern
+    Pairs,
+    /// slope of log colour against altitude (Fig. 6), Eq. 17 for the beam pattern
+    Altitude,
+}
+
+/// How light spreads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Spreading {
+    /// not at all, as the paper has it: the attenuation is then an effective one
+    None,
+    /// 1/ℓ_a² from the strobe: physical
+    #[default]
+    Strobe,
+    /// 1/(ℓ_a ℓ_s)², as Eq. 15 prints it
+    Paper,
+    /// 1/ℓ_a^p with p fitted: a check on the geometry (p should come out as 2)
+    Fit,
+}
+
+/// Pass one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct EstimateConfig {
+    pub estimator: Estimator,
+    pub spreading: Spreading,
+    pub incidence: bool,
+    pub max_frames: usize,
+    pub attenuation_floor_per_m: f64,
+    pub sweeps: usize,
+    pub grid_step_px: usize,
+    pub clipped_above: f64,
+    pub dark_below: f64,
+    pub beam_limit_deg: f64,
+    pub beam_nodes: usize,
+    pub beam_smoothness: f64,
+    pub rounds: usize,
+    pub least_pairs: usize,
+    pub least_altitude_spread: f64,
+}
+
+impl Default for EstimateConfig {
+    fn default() -> Self {
+        Self {
+            estimator: Estimator::Auto,
+            spreading: Spreading::Strobe,
+            incidence: true,
+            max_frames: 400,
+            attenuation_floor_per_m: 0.0,
+            sweeps: 6,
+            grid_step_px: 16,
+            clipped_above: 0.985,
+            dark_below: 0.0015,
+            beam_limit_deg: 70.0,
+            beam_nodes: 41,
+            beam_smoothness: 3.0,
+            rounds: 12,
+            least_pairs: 200,
+            least_altitude_spread: 1.15,
+        }
+    }
+}
+
+/// What pass two removes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// attenuation, spreading, incidence and beam pattern (Fig. 10, bottom right)
+    #[default]
+    Full,
+    /// what the water and the distance took, alone (Fig. 10, top right)
+    Attenuation,
+    /// the strobe's pattern alone (Fig. 10, bottom left)
+    BeamPattern,
+    /// the mean of all frames, as the literature has it (Eq. 14)
+    FrameAverage,
+}
+
+/// Container of corrected pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum ImageFormat {
+    /// PNG where the source is PNG or 16 bit is asked for, JPEG elsewhere
+    #[default]
+    Auto,
+    /// JPEG, 8 bit
+    Jpeg,
+    /// PNG, 8 or 16 bit
+    Png,
+    /// bare pixels (`sensor_msgs/Image`), 8 or 16 bit
+    Raw,
+    /// as the source: raw for raw, PNG for PNG, JPEG for JPEG
+    Same,
+}
+
+/// Grey balance of corrected pictures, one for the whole log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WhiteBalance {
+    /// the seafloor's median is grey over the whole log
+    #[default]
+    GreyWorld,
+    /// none: the strobe is taken to be white and the camera even, as the paper does
+    None,
+    /// factors for red, green, blue
+    #[serde(untagged)]
+    Factors([f64; 3]),
+}
+
+/// Pass two.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct RenderConfig {
+    pub method: Method,
+    pub white_balance: WhiteBalance,
+    pub highlight_quantile: f64,
+    pub highlight_level: f64,
+    pub gain_cap: f64,
+    pub gain_step_px: usize,
+    pub rectify: bool,
+    pub image_format: ImageFormat,
+    pub jpeg_quality: u8,
+    pub depth: u8,
+}
+
+impl Default for RenderConfig {
+    fn default() -> Self {
+        Self {
+            method: Method::Full,
+            white_balance: WhiteBalance::GreyWorld,
+            highlight_quantile: 0.995,
+            highlight_level: 0.75,
+            gain_cap: 30.0,
+            gain_step_px: 8,
+            rectify: false,
+            image_format: ImageFormat::Auto,
+            jpeg_quality: 95,
+            depth: 8,
+        }
+    }
+}
+
+/// Compression of the output's chunks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Compression {
+    /// small
+    #[default]
+    Zstd,
+    /// quick to read
+    Lz4,
+    /// quickest to write
+    None,
+}
+
+/// The file that is written.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct OutputConfig {
+    pub compression: Compression,
+    pub chunk_size_mib: u64,
+    pub drop_raw: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub only: Option<String>,
+}
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self { compression: Compression::Zstd, chunk_size_mib: 4, drop_raw: false, only: None }
+    }
+}
+
+/// A key of the configuration: its unit and why it is what it is.
+pub struct Setting {
+    /// `section.key`
+    pub key: &'static str,
+    /// unit, or the words it takes
+    pub unit: &'static str,
+    /// the reason
+    pub why: &'static str,
+}
+
+macro_rules! settings {
+    ($($key:literal, $unit:literal, $why:literal;)+) => { &[$(Setting { key: $key, unit: $unit, why: $why }),+] };
+}
+
+/// Every key with its unit and reason, in the order of the file.
+#[rustfmt::skip]
+pub const SETTINGS: &[Setting] = settings![
+    "light.transfer", "auto | linear | srgb | gamma:G", "auto: JPEG, PNG-8 and 8-bit rgb/bgr/mono are sRGB-coded; bayer and 16 bit are linear";
+    "light.white_level", "code", "full scale of 16-bit pictures; found from the largest code of the log where not given";
+    "seafloor.pings_each_side", "pings", "six pings around a frame: findings of the joint reference";
+    "seafloor.ping_window_s", "s", "a ping farther off says little of the floor below the frame";
+    "seafloor.max_ping_gap_s", "s", "a frame farther from any ping is not corrected";
+    "seafloor.max_attitude_gap_s", "s", "attitude is not carried over a longer gap";
+    "seafloor.least_altitude_m", "m", "a plane nearer to the lens is a fish or a fault";
+    "matching.detection_side_px", "px", "keypoints are sought at this size at most; colours are pooled over more than a pixel";
+    "matching.keypoints_per_frame", "count", "more points see the same few mean patches of floor";
+    "matching.contrast_threshold", "log light", "in log light a threshold means the same at every brightness";
+    "matching.ratio", "1", "Lowe's ratio of nearest to second nearest";
+    "matching.neighbours", "frames", "all views of a point must stay in: thinned pairs bias the attenuation";
+    "matching.inlier_px", "px at detection size", "distance to the homography of the pair";
+    "matching.least_inliers", "count", "fewer agree by chance";
+    "matching.footprint_px", "px", "standard deviation of the patch in the farther view; the same metres of seafloor in all views, or the log of the mean is biased";
+    "estimate.estimator", "auto | joint | pairs | altitude", "joint where frames overlap, altitude where they do not";
+    "estimate.spreading", "none | strobe | paper | fit", "the strobe's light falls with 1/ℓ_a² (Eq. 4); without it attenuation is only effective";
+    "estimate.incidence", "true | false", "cos γ comes free from the plane";
+    "estimate.max_frames", "frames", "pass one's cost levels off as the dive gets longer; stretches are spread over the log";
+    "estimate.attenuation_floor_per_m", "1/m", "the paper leaves out per-image values below 0.1; 0 keeps all";
+    "estimate.sweeps", "count", "rounds of beam pattern and attenuation, 'we also recompute' (§IV-C)";
+    "estimate.grid_step_px", "px", "blocks over which a frame is sampled for Eq. 17 and Fig. 6";
+    "estimate.clipped_above", "share of full scale", "a clipped pixel is no measurement";
+    "estimate.dark_below", "share of full scale", "the mean of a log is not the log of a mean: noise near black biases logs down";
+    "estimate.beam_limit_deg", "deg", "the beam pattern's grid reaches from minus to plus this in θ and φ";
+    "estimate.beam_nodes", "count", "nodes of that grid per axis";
+    "estimate.beam_smoothness", "1", "weight of the grid's second differences against one observation";
+    "estimate.rounds", "count", "reweightings of the robust solve";
+    "estimate.least_pairs", "count", "fewer matches do not hold three coefficients and a beam pattern";
+    "estimate.least_altitude_spread", "ratio", "highest over lowest altitude below which attenuation is not identified";
+    "render.method", "full | attenuation | beam-pattern | frame-average", "what is removed (Fig. 10, Eq. 14)";
+    "render.white_balance", "grey-world | none | [r, g, b]", "one per log, never per image";
+    "render.highlight_quantile", "share", "one exposure per log: this share of the seafloor stays below highlight_level";
+    "render.highlight_level", "share of white", "room above for single bright pixels";
+    "render.gain_cap", "times the log's median gain", "beyond it a picture would show noise, not seafloor";
+    "render.gain_step_px", "px", "the gain is evaluated on this grid and interpolated; within 0.1 %";
+    "render.rectify", "true | false", "undo lens distortion as well (Fig. 2)";
+    "render.image_format", "auto | jpeg | png | raw | same", "auto: PNG where the source is PNG or depth is 16, else JPEG";
+    "render.jpeg_quality", "1 to 100", "95 hides nothing";
+    "render.depth", "8 | 16", "8 is sRGB-coded, 16 is linear";
+    "output.compression", "zstd | lz4 | none", "of chunks";
+    "output.chunk_size_mib", "MiB", "a chunk should hold several frames";
+    "output.drop_raw", "true | false", "leave out the corrected camera's own images";
+    "output.only", "regex", "keep only topics that match; what unwater adds stays";
+];
+
+impl Config {
+    /// Reads a TOML file's text.
+    ///
+    /// # Errors
+    /// A sentence; an unknown key names the nearest known one.
+    pub fn from_toml(text: &str) -> Result<Self, String> {
+        let config: Self = toml::from_str(text).map_err(|e| with_nearest_key(&e, SETTINGS.iter().map(|s| s.key)))?;
+        config.ensure_valid()?;
+        Ok(config)
+    }
+
+    /// The effective values as TOML with unit and reason of each.
+    pub fn to_commented_toml(&self) -> String {
+        let table = toml::Table::try_from(self).unwrap_or_default();
+        let mut out = String::new();
+        let mut section = "";
+        for setting in SETTINGS {
+            let (name, key) = setting.key.split_once('.').unwrap_or(("", setting.key));
+            if name != section {
+                section = name;
+                out += &format!("{}[{section}]\n", if out.is_empty() { "" } else { "\n" });
+            }
+            let line = match table.get(name).and_then(|s| s.get(key)) {
+                Some(value) => format!("{key} = {value}"),
+                None => format!("# {key} ="),
+            };
+            out += &format!("{line:<34} # [{}] {}\n", setting.unit, setting.why);
+        }
+        out
+    }
+
+    /// Checks what types cannot.
+    ///
+    /// # Errors
+    /// A sentence naming the key.
+    pub fn ensure_valid(&self) -> Result<(), String> {
+        let checks = [
+            (self.seafloor.pings_each_side >= 1, "seafloor.pings_each_side must be at least 1"),
+            (self.seafloor.max_ping_gap_s > 0.0, "seafloor.max_ping_gap_s must be above 0"),
+            (self.matching.detection_side_px >= 64, "matching.detection_side_px must be at least 64"),
+            ((0.3..1.0).contains(&self.matching.ratio), "matching.ratio must lie in 0.3 to 1"),
+            (self.matching.footprint_px >= 0.5, "matching.footprint_px must be at least 0.5"),
+            (self.estimate.grid_step_px >= 2, "estimate.grid_step_px must be at least 2"),
+            ((8..=129).contains(&self.estimate.beam_nodes), "estimate.beam_nodes must lie in 8 to 129"),
+            ((10.0..90.0).contains(&self.estimate.beam_limit_deg), "estimate.beam_limit_deg must lie in 10 to 90"),
+            (self.estimate.max_frames >= 2, "estimate.max_frames must be at least 2"),
+            ((1..=100).contains(&self.render.jpeg_quality), "render.jpeg_quality must lie in 1 to 100"),
+            (matches!(self.render.depth, 8 | 16), "render.depth must be 8 or 16"),
+            (self.render.gain_cap > 1.0, "render.gain_cap must be above 1"),
+            ((2..=64).contains(&self.render.gain_step_px), "render.gain_step_px must lie in 2 to 64"),
+            (!(self.render.depth == 16 && self.render.image_format == ImageFormat::Jpeg), "a JPEG holds 8 bits: use --image-format png or raw with --depth 16"),
+            ((1..=1024).contains(&self.output.chunk_size_mib), "output.chunk_size_mib must lie in 1 to 1024"),
+        ];
+        checks.iter().find(|(ok, _)| !ok).map_or(Ok(()), |(_, sentence)| Err((*sentence).into()))
+    }
+}
+
+/// An error of a TOML file, with the nearest known key where one was not known.
+pub fn with_nearest_key<'k>(error: &toml::de::Error, known: impl Iterator<Item = &'k str>) -> String {
+    let message = error.message();
+    let unknown = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
+    let nearest = unknown.and_then(|unknown| {
+        known
+            .map(|key| (strsim::jaro_winkler(key.rsplit('.').next().unwrap_or(key), unknown).max(strsim::jaro_winkler(key, unknown)), key))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    });
+    match (unknown, nearest) {
+        (Some(unknown), Some((_, nearest))) => format!("unknown key `{unknown}`; did you mean `{nearest}`?"),
+        _ => error.to_string().trim().into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_is_documented_and_the_printed_file_reads_back() {
+        let mut full = Config::default();
+        full.light.white_level = Some(4095);
+        full.output.only = Some("/camera/.*".into());
+        let table = toml::Table::try_from(&full).expect("a table");
+        let keys: Vec<String> = table.iter().flat_map(|(s, t)| t.as_table().expect("a section").keys().map(move |k| format!("{s}.{k}"))).collect();
+        for key in &keys {
+            assert!(SETTINGS.iter().any(|s| s.key == key), "{key} is not in SETTINGS");
+        }
+        assert_eq!(keys.len(), SETTINGS.len());
+        assert_eq!(Config::from_toml(&full.to_commented_toml()).expect("reads back"), full);
+        assert_eq!(Config::from_toml(&Config::default().to_commented_toml()).expect("reads back"), Config::default());
+    }
+
+    #[test]
+    fn an_unknown_key_names_its_neighbour() {
+        let error = Config::from_toml("[render]\njpg_quality = 3\n").expect_err("unknown");
+        assert!(error.contains("render.jpeg_quality"), "{error}");
+    }
+}

@@ -1,0 +1,126 @@
+//! Pass two: a frame and its view → a corrected frame (paper §IV-D, Fig. 10).
+//!
+//! ```text
+//! r_Λ = c_Λ / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
+//! ```
+//!
+//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; no statistic
+//! of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
+//! evaluated on a coarse grid and interpolated: it is smooth, pixels are many. Where a ray never meets the floor
+//! there is no gain: the pixel stays black and is counted. Codecs do not live here.
+
+mod frame_average;
+mod gain;
+mod rendering;
+
+pub use frame_average::FrameAverage;
+pub use rendering::{corrected_light, rendering};
+
+use crate::config::{Method, RenderConfig};
+use crate::geometry::View;
+use crate::image::LinearImage;
+use crate::model::{ImagingModel, RenderingFile};
+use crate::vehicle::Camera;
+use gain::GainGrid;
+
+/// How a whole log is corrected.
+pub struct Correction<'m> {
+    /// the model
+    pub model: &'m ImagingModel,
+    /// exposure, white balance and the cap's reference
+    pub rendering: &'m RenderingFile,
+    /// the choices
+    pub config: &'m RenderConfig,
+    /// the mean frame, where the method divides by that
+    pub frame_average: Option<&'m FrameAverage>,
+    /// input above this share of full scale counts as clipped
+    pub clipped_above: f32,
+}
+
+/// What happened to one frame; shares are of its pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct FrameFacts {
+    /// height of the camera over the plane [m]
+    pub camera_altitude_m: f64,
+    /// shortest way of light [m]
+    pub path_length_min_m: f64,
+    /// mean
+    pub path_length_mean_m: f64,
+    /// longest
+    pub path_length_max_m: f64,
+    /// input at full scale
+    pub clipped_input_share: f64,
+    /// output over white
+    pub clipped_output_share: f64,
+    /// gain held at the cap
+    pub gain_capped_share: f64,
+    /// rays that never meet the floor
+    pub off_surface_share: f64,
+    /// directions of the beam that pass one never saw
+    pub unseen_beam_share: f64,
+    /// mean factor from raw to corrected light
+    pub mean_gain: f64,
+}
+
+/// A corrected frame: light where 1 is white, and what happened.
+#[derive(Clone, Debug)]
+pub struct Corrected {
+    /// the picture
+    pub image: LinearImage,
+    /// what happened
+    pub facts: FrameFacts,
+}
+
+impl Correction<'_> {
+    /// Corrects one frame. Pass a rectified view's camera as `rectified` to undo lens distortion as well.
+    pub fn apply(&self, raw: &LinearImage, view: &View<'_>, rectified: Option<&Camera>) -> Corrected {
+        let mut facts = FrameFacts { camera_altitude_m: view.camera_altitude_m(), ..FrameFacts::default() };
+        let pixels = (raw.width * raw.height) as f64;
+        let clipped = raw.pixels.chunks_exact(raw.bands).filter(|p| p.iter().any(|v| *v >= self.clipped_above)).count();
+        facts.clipped_input_share = clipped as f64 / pixels;
+        let (mut image, view) = match rectified {
+            Some(camera) => (undistorted(raw, view.camera, camera), View { camera, ..*view }),
+            None => (raw.clone(), *view),
+        };
+        let grid = GainGrid::new(self, &view, image.width, image.height, image.bands);
+        grid.describe(&mut facts);
+        if let Some(average) = self.frame_average.filter(|_| self.config.method == Method::FrameAverage) {
+            average.divide(&mut image, &self.rendering.gain);
+        } else {
+            grid.multiply(&mut image);
+        }
+        let over = image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v > 1.0)).count();
+        facts.clipped_output_share = over as f64 / pixels;
+        Corrected { image, facts }
+    }
+
+    /// Log of what is divided out of one band for one way of light, by the method (Fig. 10).
+    fn log_removed(&self, path: &crate::geometry::LightPath, band: usize) -> f64 {
+        match self.config.method {
+            Method::Full | Method::FrameAverage => self.model.log_light(path, band),
+            Method::Attenuation => self.model.log_water(path, band) + self.model.spreading.log_light(path),
+            Method::BeamPattern => self.model.beam_pattern.log_gain(path.angles),
+        }
+    }
+}
+
+/// The picture a camera without distortion would have taken: bilinear in linear light, black outside.
+fn undistorted(raw: &LinearImage, from: &Camera, to: &Camera) -> LinearImage {
+    let mut out = LinearImage::new(to.width, to.height, raw.bands);
+    for (y, row) in out.pixels.chunks_exact_mut(to.width * raw.bands).enumerate() {
+        for (x, pixel) in row.chunks_exact_mut(raw.bands).enumerate() {
+            let Some((px, py)) = to.image_plane(x as f64, y as f64) else { continue };
+            let (u, v) = from.pixel(px, py);
+            if !(u >= 0.0 && v >= 0.0 && u <= (raw.width - 1) as f64 && v <= (raw.height - 1) as f64) {
+                continue;
+            }
+            let (i, j) = ((u as usize).min(raw.width - 2), (v as usize).min(raw.height - 2));
+            let (a, b) = ((u - i as f64) as f32, (v - j as f64) as f32);
+            for (band, value) in pixel.iter_mut().enumerate() {
+                let at = |i: usize, j: usize| raw.at(i, j)[band];
+                *value = (1.0 - b) * ((1.0 - a) * at(i, j) + a * at(i + 1, j)) + b * ((1.0 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
+            }
+        }
+    }
+    out
+}

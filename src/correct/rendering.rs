@@ -1,0 +1,45 @@
+//! One exposure and one white balance for a whole log, from the corrected light of its samples.
+//!
+//! Never per image: what is brighter in the output is brighter on the seafloor.
+
+use crate::config::{RenderConfig, WhiteBalance};
+use crate::geometry::LightPath;
+use crate::model::{ImagingModel, RenderingFile};
+
+/// Log of the light of one sample with everything modelled taken away, per band.
+pub fn corrected_light(model: &ImagingModel, log_color: &[f32; 3], path: &LightPath) -> [f64; 3] {
+    std::array::from_fn(|b| if b < model.bands { f64::from(log_color[b]) - model.log_light(path, b) } else { f64::NAN })
+}
+
+/// Chooses exposure and white balance from samples (log colour and way of light).
+pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_level: Option<u16>, config: &RenderConfig) -> RenderingFile {
+    let bands = model.bands;
+    let corrected: Vec<[f64; 3]> = samples.iter().map(|(color, path)| corrected_light(model, color, path)).collect();
+    let balance: Vec<f64> = match config.white_balance {
+        WhiteBalance::None => vec![1.0; bands],
+        WhiteBalance::Factors(factors) => factors[..bands].to_vec(),
+        WhiteBalance::GreyWorld => {
+            let medians: Vec<f64> = (0..bands).map(|b| quantile(corrected.iter().map(|c| c[b]), 0.5)).collect();
+            let mean = medians.iter().sum::<f64>() / bands as f64;
+            medians.iter().map(|m| (mean - m).exp()).collect()
+        }
+    };
+    let brightest = corrected.iter().map(|c| (0..bands).map(|b| c[b] + balance[b].ln()).fold(f64::NEG_INFINITY, f64::max));
+    let highlight = quantile(brightest, config.highlight_quantile);
+    let exposure = if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
+    let median_correction = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -model.log_light(path, b)), 0.5).exp()).map(finite_or_one).collect();
+    RenderingFile { gain: balance.iter().map(|w| finite_or_one(w * exposure)).collect(), median_correction, white_level }
+}
+
+fn finite_or_one(v: f64) -> f64 {
+    if v.is_finite() && v > 0.0 { v } else { 1.0 }
+}
+
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let index = ((values.len() - 1) as f64 * share).round() as usize;
+    *values.select_nth_unstable_by(index, f64::total_cmp).1
+}

@@ -1,0 +1,48 @@
+//! What can go wrong, worded with the remedy.
+
+use std::path::PathBuf;
+
+/// Why a command could not be carried out. A *frame* that cannot be corrected is no error: it passes through and is counted.
+#[derive(Debug, thiserror::Error)]
+#[allow(missing_docs)] // the sentences say it
+pub enum Error {
+    #[error("cannot read {path}: {source}")]
+    Read { path: PathBuf, source: std::io::Error },
+    #[error("cannot write {path}: {source}")]
+    Write { path: PathBuf, source: std::io::Error },
+    #[error("cannot write {path}: {reason}")]
+    WriteRecord { path: PathBuf, reason: String },
+    #[error("{path} is not an MCAP file{hint}")]
+    NotMcap { path: PathBuf, hint: &'static str },
+    #[error("{path} holds no message that can be read{detail}")]
+    Empty { path: PathBuf, detail: String },
+    #[error("the output is the input itself ({path}); give another name with -o")]
+    OutputIsInput { path: PathBuf },
+    #[error("{path} exists already; give another name with -o, or --force to overwrite it")]
+    OutputExists { path: PathBuf },
+    #[error("{what} in {path}: {reason}")]
+    BadFile { path: PathBuf, what: &'static str, reason: String },
+    #[error("the log has no camera images that can be read; it has {seen}. unwater needs sensor_msgs/Image or sensor_msgs/CompressedImage (cdr, ros2msg)")]
+    NoCamera { seen: String },
+    #[error("the log has {found} cameras: {topics}; say which with --camera TOPIC")]
+    SeveralCameras { found: usize, topics: String },
+    #[error("there is no {what} on topic {topic:?}; the log has {seen}")]
+    NoSuchTopic { what: &'static str, topic: String, seen: String },
+    #[error("the log has no DVL or altimeter that can be read; it has {seen}. unwater needs ranges to the seafloor: name their topic with --dvl TOPIC")]
+    NoRanges { seen: String },
+    #[error("the log has no calibration for {topic}; write one into a rig file: `unwater init IN.mcap -o rig.toml`, fill in camera.fx or camera.horizontal_field_of_view_deg, then add --rig rig.toml")]
+    NoCalibration { topic: String },
+    #[error("where the {what} sits is not known: no transform joins its frame {frame:?} to the camera's frame {camera_frame:?} in the log's TF tree; write it into a rig file: `unwater init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml")]
+    NoMount { what: &'static str, frame: String, camera_frame: String, section: &'static str },
+    #[error("{0}")]
+    Rig(String),
+    #[error("{0}")]
+    Usage(String),
+    #[error("attenuation cannot be estimated: {reason}; {remedy}")]
+    NotEstimated { reason: String, remedy: String },
+    #[error("the command was interrupted")]
+    Interrupted,
+}
+
+/// What every fallible function of the library returns.
+pub type Result<T> = std::result::Result<T, Error>;

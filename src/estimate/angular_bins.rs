@@ -1,0 +1,43 @@
+//! The beam pattern from angular bins (paper §IV-C, Eq. 17, Fig. 9).
+//!
+//! ```text
+//! log BP(θ_i, φ_j) = mean over bands Λ and pixels p of  log c_Λ + α_Λ ℓ + spreading − log cos γ       Eq. 17
+//! ```
+//!
+//! As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one log BP, so the sum of three is three
+//! times log BP, a factor that normalising does not remove. A mean is meant. Assumed: no spatial bias in the
+//! reflectance. Each band's mean over the log is taken out first, so a bin seen more in one band has no bias.
+
+use super::samples::FrameSamples;
+use crate::geometry::LightPath;
+use crate::image::Bands;
+use crate::model::{BeamPattern, Nodes, SpreadingModel, log_geometry};
+
+/// Bins with fewer samples are unseen.
+const LEAST_SAMPLES: f64 = 12.0;
+
+/// Eq. 17 over the grids of all frames.
+pub fn beam_pattern(
+    frames: &[FrameSamples],
+    nodes: Nodes,
+    attenuation_per_m: &Bands,
+    spreading: SpreadingModel,
+    incidence: bool,
+    path: &dyn Fn(&FrameSamples, &super::samples::Sight) -> Option<LightPath>,
+) -> BeamPattern {
+    let count = nodes.count * nodes.count;
+    let (mut sums, mut weights) = (vec![0.0; count], vec![0.0; count]);
+    for frame in frames {
+        for (_, sight) in &frame.grid {
+            let Some(path) = path(frame, sight).filter(|p| nodes.holds(p.angles)) else { continue };
+            let geometry = log_geometry(spreading, incidence, &path);
+            let mean = (0..frame.bands).map(|b| f64::from(sight.log_color[b]) + attenuation_per_m[b] * path.length_m()).sum::<f64>() / frame.bands as f64 - geometry;
+            for (node, weight) in nodes.weights(path.angles) {
+                sums[node] += weight * mean;
+                weights[node] += weight;
+            }
+        }
+    }
+    let values: Vec<Option<f64>> = sums.iter().zip(&weights).map(|(s, w)| (*w >= LEAST_SAMPLES).then(|| s / w)).collect();
+    BeamPattern::from_nodes(nodes, &values)
+}

@@ -1,0 +1,330 @@
+//! Keypoints with sub-pixel place, scale and orientation, and a descriptor to match them by (paper §IV-B, [39]).
+//!
+//! Differences of Gaussians on the *logarithm* of light: there a contrast means the same in the bright middle
+//! of the beam and in its dark rim. After Lowe (IJCV 2004); ours, because pass one must not wait for it: the
+//! picture is reduced first, as colours are pooled over several pixels anyway. In: linear light. Out: places in
+//! pixels of the full picture. Sums run in a fixed order, so results do not depend on threads.
+
+use crate::config::MatchingConfig;
+use crate::image::LinearImage;
+
+/// 4 × 4 cells of 8 gradient directions, as small integers whose dot products are exact.
+pub type Descriptor = [i16; 128];
+
+/// One keypoint.
+#[derive(Clone, Debug)]
+pub struct Keypoint {
+    /// column in the full picture [px]
+    pub u: f64,
+    /// row [px]
+    pub v: f64,
+    /// strength [log light]
+    pub response: f32,
+    /// what it looks like
+    pub descriptor: Descriptor,
+}
+
+const SCALES: usize = 3;
+const SIGMA: f32 = 1.6;
+/// blur that the reduced picture is taken to have already [px]
+const INPUT_SIGMA: f32 = 0.6;
+const EDGE_RATIO: f32 = 10.0;
+const BORDER: usize = 6;
+/// keypoints are spread over this many cells, so that the beam is seen all over
+const CELLS: (usize, usize) = (8, 6);
+
+struct Plane {
+    width: usize,
+    height: usize,
+    data: Vec<f32>,
+}
+
+impl Plane {
+    fn at(&self, x: usize, y: usize) -> f32 {
+        self.data[y * self.width + x]
+    }
+}
+
+/// Finds at most `config.keypoints_per_frame` keypoints, strongest first, spread over the picture.
+pub fn keypoints(image: &LinearImage, config: &MatchingConfig) -> Vec<Keypoint> {
+    let (base, reduction) = log_light(image, config.detection_side_px);
+    let mut octave = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt());
+    let mut found = Vec::new();
+    let mut halvings = 1.0; // pixels of the reduced picture per pixel of this octave
+    while octave.width.min(octave.height) > 4 * BORDER {
+        let ratio = 2f32.powf(1.0 / SCALES as f32);
+        let mut levels = vec![octave];
+        for k in 1..SCALES + 3 {
+            let sigma = SIGMA * ratio.powi(k as i32 - 1) * (ratio * ratio - 1.0).sqrt();
+            levels.push(blurred(&levels[k - 1], sigma));
+        }
+        let differences: Vec<Plane> = levels
+            .windows(2)
+            .map(|w| Plane { width: w[0].width, height: w[0].height, data: w[1].data.iter().zip(&w[0].data).map(|(b, a)| b - a).collect() })
+            .collect();
+        let first = found.len();
+        extrema(&differences, &levels, config.contrast_threshold as f32, &mut found);
+        for k in &mut found[first..] {
+            // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0 becomes its centre).
+            let full = |c: f64| (c * halvings + 0.5) * reduction as f64 - 0.5;
+            (k.u, k.v) = (full(k.u), full(k.v));
+        }
+        octave = halved(&levels[SCALES]);
+        halvings *= 2.0;
+    }
+    spread(found, image, config.keypoints_per_frame)
+}
+
+/// Mean of the bands, reduced by an integer factor to `side` at most, in logarithm.
+fn log_light(image: &LinearImage, side: usize) -> (Plane, usize) {
+    let factor = image.width.max(image.height).div_ceil(side).max(1);
+    let (width, height) = (image.width / factor, image.height / factor);
+    let mut data = vec![0f32; width * height];
+    let scale = 1.0 / (factor * factor * image.bands) as f32;
+    for (y, row) in data.chunks_exact_mut(width).enumerate() {
+        for dy in 0..factor {
+            let source = &image.pixels[(y * factor + dy) * image.width * image.bands..];
+            for (out, block) in row.iter_mut().zip(source.chunks_exact(factor * image.bands)) {
+                *out += block.iter().sum::<f32>();
+            }
+        }
+        for out in row {
+            *out = (*out * scale + 1e-3).ln();
+        }
+    }
+    (Plane { width, height, data }, factor)
+}
+
+/// Separable Gaussian, edges repeated.
+fn blurred(plane: &Plane, sigma: f32) -> Plane {
+    let radius = (3.0 * sigma).ceil() as usize;
+    let mut kernel: Vec<f32> = (0..=radius).map(|i| (-((i * i) as f32) / (2.0 * sigma * sigma)).exp()).collect();
+    let sum = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
+    kernel.iter_mut().for_each(|k| *k /= sum);
+    let (w, h) = (plane.width, plane.height);
+    let mut rows = vec![0f32; w * h];
+    let mut padded = vec![0f32; w + 2 * radius];
+    for (out, source) in rows.chunks_exact_mut(w).zip(plane.data.chunks_exact(w)) {
+        padded[..radius].fill(source[0]);
+        padded[radius..radius + w].copy_from_slice(source);
+        padded[radius + w..].fill(source[w - 1]);
+        out.iter_mut().zip(source).for_each(|(o, s)| *o = s * kernel[0]);
+        for (i, k) in kernel.iter().enumerate().skip(1) {
+            let (left, right) = (&padded[radius - i..][..w], &padded[radius + i..][..w]);
+            for ((o, a), b) in out.iter_mut().zip(left).zip(right) {
+                *o += k * (a + b);
+            }
+        }
+    }
+    let mut data = vec![0f32; w * h];
+    for (y, out) in data.chunks_exact_mut(w).enumerate() {
+        out.iter_mut().zip(&rows[y * w..][..w]).for_each(|(o, s)| *o = s * kernel[0]);
+        for (i, k) in kernel.iter().enumerate().skip(1) {
+            let (above, below) = (&rows[y.saturating_sub(i) * w..][..w], &rows[(y + i).min(h - 1) * w..][..w]);
+            for ((o, a), b) in out.iter_mut().zip(above).zip(below) {
+                *o += k * (a + b);
+            }
+        }
+    }
+    Plane { width: w, height: h, data }
+}
+
+fn halved(plane: &Plane) -> Plane {
+    let (width, height) = (plane.width / 2, plane.height / 2);
+    let data = (0..height).flat_map(|y| (0..width).map(move |x| plane.at(2 * x, 2 * y))).collect();
+    Plane { width, height, data }
+}
+
+fn extrema(differences: &[Plane], levels: &[Plane], threshold: f32, found: &mut Vec<Keypoint>) {
+    let (w, h) = (differences[0].width, differences[0].height);
+    for s in 1..=SCALES {
+        for y in BORDER..h - BORDER {
+            for x in BORDER..w - BORDER {
+                let value = differences[s].at(x, y);
+                if value.abs() < 0.5 * threshold || !is_extreme(&differences[s - 1..=s + 1], x, y, value) {
+                    continue;
+                }
+                if let Some((u, v, response, scale)) = refined(differences, s, x, y)
+                    && response >= threshold
+                {
+                    let level = &levels[s];
+                    let sigma = SIGMA * 2f32.powf(scale / SCALES as f32);
+                    let angle = orientation(level, u, v, sigma);
+                    let descriptor = descriptor(level, u, v, sigma, angle);
+                    found.push(Keypoint { u: f64::from(u), v: f64::from(v), response, descriptor });
+                }
+            }
+        }
+    }
+}
+
+fn is_extreme(three: &[Plane], x: usize, y: usize, value: f32) -> bool {
+    let mut others = three.iter().enumerate().flat_map(|(k, plane)| {
+        (y - 1..=y + 1).flat_map(move |j| (x - 1..=x + 1).filter(move |i| !(k == 1 && j == y && *i == x)).map(move |i| plane.at(i, j)))
+    });
+    if value > 0.0 { others.all(|o| value > o) } else { others.all(|o| value < o) }
+}
+
+/// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it runs away or lies on an edge.
+fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, f32)> {
+    let (mut s, mut x, mut y) = (s, x, y);
+    for _ in 0..4 {
+        let at = |ds: isize, dy: isize, dx: isize| d[(s as isize + ds) as usize].at((x as isize + dx) as usize, (y as isize + dy) as usize);
+        let c = at(0, 0, 0);
+        let g = nalgebra::Vector3::new(at(0, 0, 1) - at(0, 0, -1), at(0, 1, 0) - at(0, -1, 0), at(1, 0, 0) - at(-1, 0, 0)) * 0.5;
+        let (xx, yy, ss) = (at(0, 0, 1) + at(0, 0, -1) - 2.0 * c, at(0, 1, 0) + at(0, -1, 0) - 2.0 * c, at(1, 0, 0) + at(-1, 0, 0) - 2.0 * c);
+        let xy = 0.25 * (at(0, 1, 1) - at(0, 1, -1) - at(0, -1, 1) + at(0, -1, -1));
+        let xs = 0.25 * (at(1, 0, 1) - at(1, 0, -1) - at(-1, 0, 1) + at(-1, 0, -1));
+        let ys = 0.25 * (at(1, 1, 0) - at(1, -1, 0) - at(-1, 1, 0) + at(-1, -1, 0));
+        let step = -(nalgebra::Matrix3::new(xx, xy, xs, xy, yy, ys, xs, ys, ss).try_inverse()? * g);
+        if step.amax() < 0.6 {
+            let (trace, det) = (xx + yy, xx * yy - xy * xy);
+            let edge = det <= 0.0 || trace * trace * EDGE_RATIO >= (EDGE_RATIO + 1.0).powi(2) * det;
+            let response = (c + 0.5 * g.dot(&step)).abs();
+            return (!edge).then_some((x as f32 + step.x, y as f32 + step.y, response, s as f32 + step.z));
+        }
+        let moved = |c: usize, d: f32, n: usize| c.checked_add_signed(d.round() as isize).filter(|c| (BORDER..n - BORDER).contains(c));
+        (x, y) = (moved(x, step.x, d[0].width)?, moved(y, step.y, d[0].height)?);
+        s = s.checked_add_signed(step.z.round() as isize).filter(|s| (1..=SCALES).contains(s))?;
+    }
+    None
+}
+
+fn gradient(level: &Plane, x: isize, y: isize) -> Option<(f32, f32)> {
+    let (w, h) = (level.width as isize, level.height as isize);
+    if x < 1 || y < 1 || x >= w - 1 || y >= h - 1 {
+        return None;
+    }
+    let at = |x: isize, y: isize| level.data[(y * w + x) as usize];
+    Some((at(x + 1, y) - at(x - 1, y), at(x, y + 1) - at(x, y - 1)))
+}
+
+/// The strongest direction of the gradients around a point [rad].
+fn orientation(level: &Plane, u: f32, v: f32, sigma: f32) -> f32 {
+    const BINS: usize = 36;
+    let mut histogram = [0f32; BINS];
+    let radius = (4.5 * sigma).round() as isize;
+    let (cx, cy) = (u.round() as isize, v.round() as isize);
+    for dy in -radius..=radius {
+        for dx in -radius..=radius {
+            if let Some((gx, gy)) = gradient(level, cx + dx, cy + dy) {
+                let weight = (-((dx * dx + dy * dy) as f32) / (2.0 * (1.5 * sigma).powi(2))).exp();
+                let bin = gy.atan2(gx) / std::f32::consts::TAU * BINS as f32;
+                histogram[(bin.round() as isize).rem_euclid(BINS as isize) as usize] += weight * gx.hypot(gy);
+            }
+        }
+    }
+    for _ in 0..2 {
+        let before = histogram;
+        for (i, value) in histogram.iter_mut().enumerate() {
+            *value = 0.25 * before[(i + BINS - 1) % BINS] + 0.5 * before[i] + 0.25 * before[(i + 1) % BINS];
+        }
+    }
+    let peak = (0..BINS).max_by(|a, b| histogram[*a].total_cmp(&histogram[*b])).unwrap_or(0);
+    let (l, c, r) = (histogram[(peak + BINS - 1) % BINS], histogram[peak], histogram[(peak + 1) % BINS]);
+    let curvature = l - 2.0 * c + r;
+    let offset = if curvature.abs() > 1e-12 { 0.5 * (l - r) / curvature } else { 0.0 };
+    (peak as f32 + offset) / BINS as f32 * std::f32::consts::TAU
+}
+
+fn descriptor(level: &Plane, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
+    let mut histogram = [0f32; 128];
+    let (sin, cos) = angle.sin_cos();
+    let cell = 3.0 * sigma;
+    let radius = (cell * std::f32::consts::SQRT_2 * 2.5).round() as isize;
+    let (cx, cy) = (u.round() as isize, v.round() as isize);
+    for dy in -radius..=radius {
+        for dx in -radius..=radius {
+            let (px, py) = ((cx + dx) as f32 - u, (cy + dy) as f32 - v);
+            let (rx, ry) = ((cos * px + sin * py) / cell, (cos * py - sin * px) / cell);
+            let (bx, by) = (rx + 1.5, ry + 1.5);
+            if bx <= -1.0 || by <= -1.0 || bx >= 4.0 || by >= 4.0 {
+                continue;
+            }
+            let Some((gx, gy)) = gradient(level, cx + dx, cy + dy) else { continue };
+            let weight = gx.hypot(gy) * (-(rx * rx + ry * ry) / 8.0).exp();
+            let direction = ((gy.atan2(gx) - angle) / std::f32::consts::TAU * 8.0).rem_euclid(8.0);
+            let (ix, iy, id) = (bx.floor(), by.floor(), direction.floor());
+            let (fx, fy, fd) = (bx - ix, by - iy, direction - id);
+            for (row, wy) in [(iy as isize, 1.0 - fy), (iy as isize + 1, fy)] {
+                for (column, wx) in [(ix as isize, 1.0 - fx), (ix as isize + 1, fx)] {
+                    if (0..4).contains(&row) && (0..4).contains(&column) {
+                        let start = (row * 4 + column) as usize * 8;
+                        histogram[start + id as usize % 8] += weight * wx * wy * (1.0 - fd);
+                        histogram[start + (id as usize + 1) % 8] += weight * wx * wy * fd;
+                    }
+                }
+            }
+        }
+    }
+    let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
+    let first = norm(&histogram);
+    histogram.iter_mut().for_each(|v| *v = (*v / first).min(0.2));
+    let second = norm(&histogram);
+    histogram.map(|v| (v / second * 512.0).round() as i16)
+}
+
+/// The strongest keypoints of each cell first, then the strongest of all, up to `most`.
+fn spread(mut found: Vec<Keypoint>, image: &LinearImage, most: usize) -> Vec<Keypoint> {
+    found.sort_by(|a, b| b.response.total_cmp(&a.response).then(a.v.total_cmp(&b.v)).then(a.u.total_cmp(&b.u)));
+    let quota = most.div_ceil(CELLS.0 * CELLS.1);
+    let mut filled = vec![0usize; CELLS.0 * CELLS.1];
+    let cell = |k: &Keypoint| {
+        let index = |c: f64, n: usize, cells: usize| ((c.max(0.0) / n as f64 * cells as f64) as usize).min(cells - 1);
+        index(k.v, image.height, CELLS.1) * CELLS.0 + index(k.u, image.width, CELLS.0)
+    };
+    let (mut kept, rest): (Vec<_>, Vec<_>) = found.into_iter().partition(|k| {
+        let count = &mut filled[cell(k)];
+        *count += 1;
+        *count <= quota
+    });
+    let room = most.saturating_sub(kept.len());
+    kept.extend(rest.into_iter().take(room));
+    kept.truncate(most);
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Blobs at known places, seen by a camera that is turned, shifted and dimmed.
+    fn picture(turn: f64, shift: (f64, f64), gain: f32) -> LinearImage {
+        let mut image = LinearImage::new(320, 240, 3);
+        let (sin, cos) = turn.sin_cos();
+        for y in 0..240 {
+            for x in 0..320 {
+                let (px, py) = (x as f64 - 160.0 - shift.0, y as f64 - 120.0 - shift.1);
+                let (wx, wy) = (cos * px + sin * py, cos * py - sin * px);
+                let mut light = 0.3;
+                for k in 0..60i32 {
+                    let place = |m: i32, n: f64| (f64::from((k * m) % 97) / 97.0 - 0.5) * n;
+                    let (bx, by, r) = (place(37, 300.0), place(61, 220.0), 2.5 + f64::from(k % 5));
+                    light *= 1.0 + 0.4 * (-((wx - bx).powi(2) + (wy - by).powi(2)) / (2.0 * r * r)).exp() * if k % 2 == 0 { 1.0 } else { -1.0 };
+                }
+                image.pixels[(y * 320 + x) * 3..][..3].fill(gain * light as f32);
+            }
+        }
+        image
+    }
+
+    #[test]
+    fn the_same_points_are_found_turned_shifted_and_dimmed() {
+        let config = MatchingConfig::default();
+        let (turn, shift) = (0.3, (7.3, -4.6));
+        let (a, b) = (keypoints(&picture(0.0, (0.0, 0.0), 1.0), &config), keypoints(&picture(turn, shift, 0.2), &config));
+        assert!(a.len() >= 30 && b.len() >= 30, "{} and {}", a.len(), b.len());
+        let (sin, cos) = f64::sin_cos(turn);
+        let mut errors = Vec::new();
+        for k in &a {
+            let (x, y) = (k.u - 160.0, k.v - 120.0);
+            let (u, v) = (cos * x - sin * y + 160.0 + shift.0, sin * x + cos * y + 120.0 + shift.1);
+            let distance = |d: &Keypoint| k.descriptor.iter().zip(&d.descriptor).map(|(a, b)| i32::from(a - b).pow(2)).sum::<i32>();
+            if let Some(best) = b.iter().min_by_key(|d| distance(d)) {
+                errors.push((best.u - u).hypot(best.v - v));
+            }
+        }
+        let good = errors.iter().filter(|e| **e < 0.5).count();
+        assert!(good * 10 >= errors.len() * 6, "{good} of {} within half a pixel: {errors:.1?}", errors.len());
+    }
+}

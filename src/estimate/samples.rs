@@ -1,0 +1,184 @@
+//! Pixels → samples, to stop needing pixels: colours of keypoints' patches and of a coarse grid (paper §IV-B).
+//!
+//! Colours are pooled in *linear* light under a Gaussian that covers the same metres of seafloor in every view
+//! of a point: pooled over the same number of pixels instead, the farther view averages more seafloor, and the
+//! log of a mean is not the mean of logs (−0.02 per metre in α). So each keypoint is pooled over a ladder of
+//! footprints, fixed in metres, and views that meet later agree on a rung. Then the logarithm. Patches with
+//! clipped pixels, near black, or reaching over the edge give none.
+//!
+//! A sample keeps what does not depend on where the strobe is; the light path is derived when asked.
+
+use crate::config::{EstimateConfig, MatchingConfig};
+use crate::geometry::{LightPath, View, light_path};
+use crate::image::LinearImage;
+use crate::spaces::{Body, Direction, Point, Strobe, Transform};
+
+use super::keypoints::{Keypoint, keypoints};
+
+/// Rungs of the ladder above a keypoint's own smallest: factor √2 each, so views up to 4× nearer find theirs.
+const RUNGS: usize = 5;
+/// Patches are cut at this many standard deviations.
+const PATCH_SIGMAS: f64 = 2.5;
+
+/// One place of seafloor in one frame, free of pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    /// the place, in body space at the frame's time [m]
+    pub hit: Point<Body>,
+    /// ℓ_s [m]
+    pub seafloor_to_camera_m: f64,
+    /// log c_Λ
+    pub log_color: [f32; 3],
+}
+
+/// A keypoint's place and its colours on the ladder.
+#[derive(Clone, Debug)]
+pub struct KeypointSight {
+    /// place; `log_color` is unused
+    pub sight: Sight,
+    /// index of the first rung: footprint 1 mm × √2^rung
+    pub first_rung: i32,
+    /// log c_Λ on each rung; NaN where there is none
+    pub ladder: [[f32; 3]; RUNGS],
+}
+
+/// All samples of one frame.
+#[derive(Clone, Debug)]
+pub struct FrameSamples {
+    /// index of the frame in the log
+    pub frame: usize,
+    /// the plane's normal
+    pub normal: Direction<Body>,
+    /// height of the camera over it [m]
+    pub camera_altitude_m: f64,
+    /// bands of the picture
+    pub bands: usize,
+    /// the keypoints, as matching needs them
+    pub keypoints: Vec<Keypoint>,
+    /// their image-plane coordinates
+    pub places: Vec<(f64, f64)>,
+    /// their places and colours
+    pub sights: Vec<KeypointSight>,
+    /// a coarse grid over the frame: index of the cell, and its sight
+    pub grid: Vec<(u32, Sight)>,
+    /// mean linear light per band over the frame
+    pub mean_light: [f64; 3],
+}
+
+impl Sight {
+    /// The way of light to it, for a strobe at a given mount.
+    pub fn path(&self, normal: Direction<Body>, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
+        light_path(self.hit, self.seafloor_to_camera_m, normal, body_from_strobe)
+    }
+}
+
+/// Standard deviation of a rung's footprint on the seafloor [m].
+fn footprint_m(rung: i32) -> f64 {
+    1e-3 * 2f64.powf(f64::from(rung) / 2.0)
+}
+
+/// Takes the samples of one frame.
+pub fn samples(frame: usize, image: &LinearImage, view: &View<'_>, with_keypoints: bool, matching: &MatchingConfig, config: &EstimateConfig) -> FrameSamples {
+    let mut taken = FrameSamples {
+        frame,
+        normal: view.plane.normal,
+        camera_altitude_m: view.camera_altitude_m(),
+        bands: image.bands,
+        keypoints: Vec::new(),
+        places: Vec::new(),
+        sights: Vec::new(),
+        grid: grid(image, view, config),
+        mean_light: [0.0; 3],
+    };
+    let count = (image.width * image.height) as f64;
+    for pixel in image.pixels.chunks_exact(image.bands) {
+        for (mean, value) in taken.mean_light.iter_mut().zip(pixel) {
+            *mean += f64::from(*value) / count;
+        }
+    }
+    if !with_keypoints {
+        return taken;
+    }
+    for keypoint in keypoints(image, matching) {
+        let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
+        let Some((hit, seafloor_to_camera_m)) = view.seafloor_point_of(x, y) else { continue };
+        let sigma_px = |rung: i32| footprint_m(rung) * view.camera.fx / seafloor_to_camera_m;
+        let first_rung = (2.0 * (matching.footprint_px * seafloor_to_camera_m / view.camera.fx / 1e-3).log2()).ceil() as i32;
+        let ladder = std::array::from_fn(|k| pooled(image, keypoint.u, keypoint.v, sigma_px(first_rung + k as i32), config));
+        taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, log_color: [f32::NAN; 3] }, first_rung, ladder });
+        taken.places.push((x, y));
+        taken.keypoints.push(keypoint);
+    }
+    taken
+}
+
+impl KeypointSight {
+    /// The colour on a rung, `None` where it was not taken or is no measurement.
+    pub fn on_rung(&self, rung: i32, bands: usize) -> Option<Sight> {
+        let log_color = *self.ladder.get(usize::try_from(rung - self.first_rung).ok()?)?;
+        log_color[..bands].iter().all(|v| v.is_finite()).then_some(Sight { log_color, ..self.sight })
+    }
+}
+
+/// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near black.
+fn pooled(image: &LinearImage, u: f64, v: f64, sigma_px: f64, config: &EstimateConfig) -> [f32; 3] {
+    let radius = (PATCH_SIGMAS * sigma_px).ceil() as isize;
+    let (x, y) = (u.round() as isize, v.round() as isize);
+    let none = [f32::NAN; 3];
+    if x < radius || y < radius || x + radius >= image.width as isize || y + radius >= image.height as isize {
+        return none;
+    }
+    let falloff = |centre: f64, c: isize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
+    let columns: Vec<f32> = (x - radius..=x + radius).map(|c| falloff(u, c)).collect();
+    let (mut sum, mut weights, mut largest) = ([0f32; 3], 0f32, 0f32);
+    for row in y - radius..=y + radius {
+        let weight = falloff(v, row);
+        let start = (row as usize * image.width + (x - radius) as usize) * image.bands;
+        let pixels = image.pixels[start..start + columns.len() * image.bands].chunks_exact(image.bands);
+        for (pixel, column) in pixels.zip(&columns) {
+            let w = weight * column;
+            weights += w;
+            for (s, value) in sum.iter_mut().zip(pixel) {
+                *s += w * value;
+                largest = largest.max(*value);
+            }
+        }
+    }
+    if f64::from(largest) >= config.clipped_above {
+        return none;
+    }
+    logs(sum.map(|s| s / weights), image.bands, config)
+}
+
+fn logs(mean: [f32; 3], bands: usize, config: &EstimateConfig) -> [f32; 3] {
+    std::array::from_fn(|b| if b < bands && f64::from(mean[b]) >= config.dark_below { mean[b].ln() } else { f32::NAN })
+}
+
+fn grid(image: &LinearImage, view: &View<'_>, config: &EstimateConfig) -> Vec<(u32, Sight)> {
+    let step = config.grid_step_px;
+    let (columns, rows) = (image.width / step, image.height / step);
+    let mut sights = Vec::with_capacity(columns * rows);
+    for row in 0..rows {
+        for column in 0..columns {
+            let (mut sum, mut largest) = ([0f32; 3], 0f32);
+            for y in row * step..(row + 1) * step {
+                let start = (y * image.width + column * step) * image.bands;
+                for pixel in image.pixels[start..start + step * image.bands].chunks_exact(image.bands) {
+                    for (s, value) in sum.iter_mut().zip(pixel) {
+                        *s += value;
+                        largest = largest.max(*value);
+                    }
+                }
+            }
+            let log_color = logs(sum.map(|s| s / (step * step) as f32), image.bands, config);
+            if f64::from(largest) >= config.clipped_above || log_color[..image.bands].iter().any(|v| v.is_nan()) {
+                continue;
+            }
+            let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;
+            if let Some((hit, seafloor_to_camera_m)) = view.seafloor_point(centre(column), centre(row)) {
+                sights.push(((row * columns + column) as u32, Sight { hit, seafloor_to_camera_m, log_color }));
+            }
+        }
+    }
+    sights
+}

@@ -1,0 +1,66 @@
+//! Pairs of matched keypoints → tracks: one point of seafloor and every frame that saw it.
+//!
+//! All views must stay in: thinned at random, blue came out 19 % off. A track that meets a frame twice has
+//! swallowed a false match and is dropped.
+
+use std::collections::BTreeMap;
+
+use super::samples::{FrameSamples, Sight};
+
+/// One view of a track.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation {
+    /// index into the frames' samples
+    pub frame: u32,
+    /// place and colour, pooled over the track's footprint
+    pub sight: Sight,
+}
+
+/// One point of seafloor, seen twice or more.
+pub type Track = Vec<Observation>;
+
+/// `pairs` holds (frame, frame, matches) with indices into `frames`.
+pub fn tracks(frames: &[FrameSamples], pairs: &[(usize, usize, Vec<(u32, u32)>)]) -> Vec<Track> {
+    let starts: Vec<usize> = frames
+        .iter()
+        .scan(0, |at, f| {
+            let start = *at;
+            *at += f.keypoints.len();
+            Some(start)
+        })
+        .collect();
+    let total = frames.iter().map(|f| f.keypoints.len()).sum();
+    let mut parent: Vec<usize> = (0..total).collect();
+    fn root(parent: &mut [usize], mut i: usize) -> usize {
+        while parent[i] != i {
+            parent[i] = parent[parent[i]];
+            i = parent[i];
+        }
+        i
+    }
+    for (a, b, matches) in pairs {
+        for (i, j) in matches {
+            let (p, q) = (root(&mut parent, starts[*a] + *i as usize), root(&mut parent, starts[*b] + *j as usize));
+            // The smaller index wins, so that a track's name does not depend on the order of pairs.
+            parent[p.max(q)] = p.min(q);
+        }
+    }
+    let mut members: BTreeMap<usize, Vec<(usize, usize)>> = BTreeMap::new();
+    for (frame, samples) in frames.iter().enumerate() {
+        for keypoint in 0..samples.keypoints.len() {
+            let name = root(&mut parent, starts[frame] + keypoint);
+            members.entry(name).or_default().push((frame, keypoint));
+        }
+    }
+    members.into_values().filter(|m| m.len() >= 2 && m.windows(2).all(|w| w[0].0 != w[1].0)).filter_map(|m| track(frames, &m)).collect()
+}
+
+/// Brings all views to the rung that the farthest of them sets.
+fn track(frames: &[FrameSamples], members: &[(usize, usize)]) -> Option<Track> {
+    let rung = members.iter().map(|(f, k)| frames[*f].sights[*k].first_rung).max()?;
+    let track: Track = members
+        .iter()
+        .filter_map(|(f, k)| Some(Observation { frame: *f as u32, sight: frames[*f].sights[*k].on_rung(rung, frames[*f].bands)? }))
+        .collect();
+    (track.len() >= 2).then_some(track)
+}

@@ -1,0 +1,26 @@
+#![doc = include_str!("../README.md")]
+
+// The rooms in the order the data walks; ARCHITECTURE.md has the table and a test keeps it.
+pub mod error;
+pub mod spaces;
+pub mod units;
+
+pub mod image;
+
+pub mod config;
+
+pub mod vehicle;
+
+pub mod geometry;
+pub mod messages;
+
+pub mod model;
+
+pub mod correct;
+pub mod estimate;
+
+pub mod recording;
+pub mod report;
+
+pub mod pipeline;
+pub mod cli;

@@ -1,0 +1,27 @@
+//! Words in, exit status out; everything between is in the library.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use unwater::cli::{Cli, Ended, run};
+use unwater::error::Error;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse(); // exits with 2 on bad usage
+    // An interrupted run leaves no half file.
+    let handler = ctrlc::set_handler(|| {
+        unwater::recording::remove_unfinished();
+        std::process::exit(1);
+    });
+    if let Err(e) = handler {
+        eprintln!("warning: an interruption will leave an unfinished file behind ({e})");
+    }
+    match run(cli) {
+        Ok(Ended::Done) => ExitCode::SUCCESS,
+        Ok(Ended::DoneWithLosses) => ExitCode::from(3),
+        Err(error) => {
+            eprintln!("unwater: {error}");
+            ExitCode::from(if matches!(error, Error::Usage(_)) { 2 } else { 1 })
+        }
+    }
+}

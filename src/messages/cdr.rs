@@ -1,0 +1,231 @@
+//! Bytes on the wire ⇄ values: OMG CDR as ROS 2 writes it, both endians.
+//!
+//! Memory is bounded by the message: a sequence that claims more elements than there are bytes left is
+//! an error before anything is allocated. Alignment counts from behind the 4-byte encapsulation header.
+
+use std::borrow::Cow;
+
+use super::ros_schema::{Layout, Primitive, Type};
+use super::value::Value;
+
+/// Reads one CDR message by its layout.
+///
+/// # Errors
+/// A sentence saying at which byte the message ends early or contradicts its schema.
+pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
+    let [0, flags, _, _, body @ ..] = message else {
+        return Err(match message {
+            [0x28, 0xb5, 0x2f, 0xfd, ..] => "the message itself is zstd-compressed (rosbag2 'message' compression); decompress with `ros2 bag convert` first".into(),
+            _ => format!("no CDR encapsulation header in {} bytes", message.len()),
+        });
+    };
+    if *flags > 1 {
+        return Err(format!("CDR representation {flags:#04x} is not plain CDR"));
+    }
+    let mut reader = Reader { body, at: 0, little: *flags == 1 };
+    let root = layout.records.len().checked_sub(1).ok_or("an empty schema")?;
+    reader.record(layout, root)
+}
+
+struct Reader<'a> {
+    body: &'a [u8],
+    at: usize,
+    little: bool,
+}
+
+impl<'a> Reader<'a> {
+    fn take(&mut self, size: usize) -> Result<&'a [u8], String> {
+        let end = self.at.checked_add(size).filter(|e| *e <= self.body.len());
+        let end = end.ok_or_else(|| format!("the message ends at byte {} where {size} more are needed", self.body.len()))?;
+        let bytes = &self.body[self.at..end];
+        self.at = end;
+        Ok(bytes)
+    }
+
+    fn number<const N: usize>(&mut self) -> Result<[u8; N], String> {
+        self.at = self.at.next_multiple_of(N);
+        let mut bytes = [0; N];
+        bytes.copy_from_slice(self.take(N)?);
+        if !self.little {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    fn unsigned(&mut self, size: usize) -> Result<u64, String> {
+        Ok(match size {
+            1 => u64::from(self.take(1)?[0]),
+            2 => u64::from(u16::from_le_bytes(self.number()?)),
+            4 => u64::from(u32::from_le_bytes(self.number()?)),
+            _ => u64::from_le_bytes(self.number()?),
+        })
+    }
+
+    fn length(&mut self) -> Result<usize, String> {
+        Ok(self.unsigned(4)? as usize)
+    }
+
+    fn float(&mut self, size: usize) -> Result<f64, String> {
+        Ok(if size == 4 { f64::from(f32::from_le_bytes(self.number()?)) } else { f64::from_le_bytes(self.number()?) })
+    }
+
+    fn primitive(&mut self, kind: Primitive) -> Result<Value<'a>, String> {
+        Ok(match kind {
+            Primitive::Bool => Value::Bool(self.take(1)?[0] != 0),
+            Primitive::UInt(size) => Value::Int(self.unsigned(size)? as i64),
+            Primitive::Int(size) => {
+                let shift = 64 - 8 * size as u32;
+                Value::Int(((self.unsigned(size)? << shift) as i64) >> shift)
+            }
+            Primitive::Float(size) => Value::Float(self.float(size)?),
+            Primitive::Text => {
+                let length = self.length()?;
+                let bytes = self.take(length)?;
+                Value::Text(String::from_utf8_lossy(bytes.strip_suffix(&[0]).unwrap_or(bytes)))
+            }
+            Primitive::WideText => {
+                let length = self.length()?;
+                if length > self.body.len() - self.at {
+                    return Err("a wide string longer than its message".into());
+                }
+                let units = (0..length).map(|_| self.unsigned(2).map(|u| u as u16)).collect::<Result<Vec<_>, _>>()?;
+                Value::Text(Cow::Owned(String::from_utf16_lossy(&units)))
+            }
+        })
+    }
+
+    fn value(&mut self, layout: &Layout, kind: &Type) -> Result<Value<'a>, String> {
+        match kind {
+            Type::Primitive(p) => self.primitive(*p),
+            Type::Record(index) => self.record(layout, *index),
+            Type::Array(element, fixed) => {
+                let count = match fixed {
+                    Some(count) => *count,
+                    None => self.length()?,
+                };
+                // Every element has at least one byte: a length that lies is caught before it allocates.
+                if count > self.body.len() - self.at {
+                    return Err(format!("an array of {count} elements in the {} bytes left", self.body.len() - self.at));
+                }
+                match element.as_ref() {
+                    Type::Primitive(Primitive::UInt(1)) => Ok(Value::Bytes(Cow::Borrowed(self.take(count)?))),
+                    Type::Primitive(Primitive::Float(size)) => (0..count).map(|_| self.float(*size)).collect::<Result<_, _>>().map(Value::Numbers),
+                    Type::Primitive(p @ (Primitive::Bool | Primitive::Int(_) | Primitive::UInt(_))) => (0..count)
+                        .map(|_| match self.primitive(*p)? {
+                            Value::Int(v) => Ok(v as f64),
+                            Value::Bool(v) => Ok(f64::from(u8::from(v))),
+                            _ => Err(String::from("no number")),
+                        })
+                        .collect::<Result<_, _>>()
+                        .map(Value::Numbers),
+                    other => (0..count).map(|_| self.value(layout, other)).collect::<Result<_, _>>().map(Value::List),
+                }
+            }
+        }
+    }
+
+    fn record(&mut self, layout: &Layout, index: usize) -> Result<Value<'a>, String> {
+        let fields = layout.records.get(index).ok_or("a schema that points nowhere")?;
+        if fields.is_empty() {
+            self.take(1)?; // ROS 2 gives an empty message one unused byte
+        }
+        fields.iter().map(|(name, kind)| Ok((name.clone(), self.value(layout, kind)?))).collect::<Result<_, String>>().map(Value::Record)
+    }
+}
+
+/// Writes one little-endian CDR message, field by field.
+pub struct Writer(Vec<u8>);
+
+impl Default for Writer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Writer {
+    /// An empty message: the encapsulation header.
+    pub fn new() -> Self {
+        Self(vec![0, 1, 0, 0])
+    }
+
+    fn put(mut self, bytes: &[u8]) -> Self {
+        let position = self.0.len() - 4;
+        self.0.resize(4 + position.next_multiple_of(bytes.len()), 0);
+        self.0.extend_from_slice(bytes);
+        self
+    }
+    /// `uint8` or `bool`
+    pub fn u8(self, v: u8) -> Self {
+        self.put(&[v])
+    }
+    /// `uint32`
+    pub fn u32(self, v: u32) -> Self {
+        self.put(&v.to_le_bytes())
+    }
+    /// `int32`
+    pub fn i32(self, v: i32) -> Self {
+        self.put(&v.to_le_bytes())
+    }
+    /// `float32`
+    pub fn f32(self, v: f32) -> Self {
+        self.put(&v.to_le_bytes())
+    }
+    /// `float64`
+    pub fn f64(self, v: f64) -> Self {
+        self.put(&v.to_le_bytes())
+    }
+    /// `float64[N]`: no length on the wire
+    pub fn f64_array(self, values: &[f64]) -> Self {
+        values.iter().fold(self, |w, v| w.f64(*v))
+    }
+    /// `float64[]`
+    pub fn f64_sequence(self, values: &[f64]) -> Self {
+        self.u32(values.len() as u32).f64_array(values)
+    }
+    /// `string`
+    pub fn text(self, v: &str) -> Self {
+        let mut w = self.u32(v.len() as u32 + 1);
+        w.0.extend_from_slice(v.as_bytes());
+        w.0.push(0);
+        w
+    }
+    /// `uint8[]`
+    pub fn bytes(self, v: &[u8]) -> Self {
+        let mut w = self.u32(v.len() as u32);
+        w.0.extend_from_slice(v);
+        w
+    }
+    /// `std_msgs/Header`
+    pub fn header(self, sec: i32, nanosec: u32, frame_id: &str) -> Self {
+        self.i32(sec).u32(nanosec).text(frame_id)
+    }
+    /// The message's bytes.
+    pub fn finish(self) -> Vec<u8> {
+        self.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let layout = Layout::parse("t/T", "std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n").expect("layout");
+        let bytes = Writer::new().header(7, 9, "cam").u8(3).f64_array(&[1.0, -2.0]).f64_sequence(&[5.5]).bytes(&[1, 2, 3]).text("end").finish();
+        let value = read(&layout, &bytes).expect("value");
+        assert_eq!((value.integer("header.stamp.sec"), value.text("header.frame_id")), (Some(7), Some("cam")));
+        assert_eq!((value.numbers("v"), value.numbers("w")), (Some(vec![1.0, -2.0]), Some(vec![5.5])));
+        assert_eq!((value.bytes("data"), value.text("s")), (Some(&[1u8, 2, 3][..]), Some("end")));
+        for cut in 0..bytes.len() {
+            assert!(read(&layout, &bytes[..cut]).is_err(), "cut at {cut}");
+        }
+    }
+
+    #[test]
+    fn a_length_that_lies_allocates_nothing() {
+        let layout = Layout::parse("t/T", "float64[] w\n").expect("layout");
+        let bytes = Writer::new().u32(u32::MAX).finish();
+        assert!(read(&layout, &bytes).expect_err("a lie").contains("elements"));
+    }
+}

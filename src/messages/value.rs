@@ -1,0 +1,118 @@
+//! What a message says, whatever wrote it: a tree of named fields that borrows the message's bytes.
+//!
+//! Decoders ask by path (`"header.stamp.sec"`); names are compared without case and underscores, since
+//! ROS 1 says `K` where ROS 2 says `k`, and drivers rename at will.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+/// One decoded value.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value<'a> {
+    /// true or false
+    Bool(bool),
+    /// any integer
+    Int(i64),
+    /// a 32- or 64-bit float
+    Float(f64),
+    /// a string
+    Text(Cow<'a, str>),
+    /// `uint8[]`: borrowed, so a picture costs nothing to read
+    Bytes(Cow<'a, [u8]>),
+    /// an array of any other numeric type
+    Numbers(Vec<f64>),
+    /// an array of messages or strings
+    List(Vec<Value<'a>>),
+    /// a message: fields in the order of the schema
+    Record(Vec<(Arc<str>, Value<'a>)>),
+}
+
+/// Equal but for case and underscores.
+pub fn same_name(a: &str, b: &str) -> bool {
+    let plain = |s: &str| s.bytes().filter(|c| *c != b'_').map(|c| c.to_ascii_lowercase()).collect::<Vec<_>>();
+    a == b || plain(a) == plain(b)
+}
+
+impl<'a> Value<'a> {
+    /// The value at a dotted path.
+    pub fn get(&self, path: &str) -> Option<&Self> {
+        path.split('.').try_fold(self, |value, name| match value {
+            Self::Record(fields) => fields
+                .iter()
+                .find(|(n, _)| **n == *name)
+                .or_else(|| fields.iter().find(|(n, _)| same_name(n, name)))
+                .map(|(_, v)| v),
+            _ => None,
+        })
+    }
+
+    /// A number (or a bool as 0 and 1) at a path.
+    pub fn number(&self, path: &str) -> Option<f64> {
+        match self.get(path)? {
+            Self::Float(v) => Some(*v),
+            Self::Int(v) => Some(*v as f64),
+            Self::Bool(v) => Some(f64::from(u8::from(*v))),
+            _ => None,
+        }
+    }
+
+    /// An integer at a path.
+    pub fn integer(&self, path: &str) -> Option<i64> {
+        match self.get(path)? {
+            Self::Int(v) => Some(*v),
+            Self::Bool(v) => Some(i64::from(*v)),
+            Self::Float(v) if v.fract() == 0.0 => Some(*v as i64),
+            _ => None,
+        }
+    }
+
+    /// A bool at a path; numbers count as true where they are not 0.
+    pub fn flag(&self, path: &str) -> Option<bool> {
+        self.number(path).map(|v| v != 0.0)
+    }
+
+    /// A string at a path.
+    pub fn text(&self, path: &str) -> Option<&str> {
+        match self.get(path)? {
+            Self::Text(v) => Some(v),
+            _ => None,
+        }
+    }
+
+    /// Raw bytes at a path.
+    pub fn bytes(&self, path: &str) -> Option<&[u8]> {
+        match self.get(path)? {
+            Self::Bytes(v) => Some(v),
+            _ => None,
+        }
+    }
+
+    /// An array of numbers at a path.
+    pub fn numbers(&self, path: &str) -> Option<Vec<f64>> {
+        match self.get(path)? {
+            Self::Numbers(v) => Some(v.clone()),
+            Self::Bytes(v) => Some(v.iter().map(|b| f64::from(*b)).collect()),
+            _ => None,
+        }
+    }
+
+    /// An array of messages at a path.
+    pub fn list(&self, path: &str) -> Option<&[Self]> {
+        match self.get(path)? {
+            Self::List(v) => Some(v),
+            _ => None,
+        }
+    }
+
+    /// x, y, z of a vector at a path.
+    pub fn xyz(&self, path: &str) -> Option<[f64; 3]> {
+        let v = self.get(path)?;
+        Some([v.number("x")?, v.number("y")?, v.number("z")?])
+    }
+
+    /// x, y, z, w of a quaternion at a path.
+    pub fn xyzw(&self, path: &str) -> Option<[f64; 4]> {
+        let v = self.get(path)?;
+        Some([v.number("x")?, v.number("y")?, v.number("z")?, v.number("w")?])
+    }
+}

@@ -1,0 +1,186 @@
+//! `model.json`: an [`ImagingModel`] as a small readable file, with what led to it.
+//!
+//! One can estimate on one dive and correct another. Keys may be added; those there keep their meaning.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::{BeamPattern, ImagingModel, Nodes, SpreadingModel};
+use crate::config::Spreading;
+
+/// The value of `format`.
+pub const FORMAT: &str = "unwater-model";
+
+/// What one estimator answered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct EstimatorAnswer {
+    /// α [1/m] per band; `None` where it could not tell
+    pub attenuation_per_m: Option<Vec<f64>>,
+    /// standard deviation of it [1/m]
+    pub attenuation_std_per_m: Option<Vec<f64>>,
+    /// matches, frames or observations it rests on
+    pub observations: usize,
+    /// robust spread of what is left over [log light]
+    pub residual: Option<f64>,
+    /// other numbers, by name
+    pub details: BTreeMap<String, f64>,
+    /// why there is no answer, or what to know of it
+    pub note: Option<String>,
+}
+
+/// The beam pattern's part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BeamPatternFile {
+    /// θ of the rows [deg]
+    pub theta_deg: Vec<f64>,
+    /// φ of the columns [deg]
+    pub phi_deg: Vec<f64>,
+    /// natural log of the gain, peak 0, `null` where never seen
+    pub log_gain: Vec<Vec<Option<f64>>>,
+}
+
+/// How corrected light becomes codes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RenderingFile {
+    /// output = gain × corrected light, per band; exposure and white balance in one
+    pub gain: Vec<f64>,
+    /// median over the log of the factor each pixel is multiplied by before `gain`, per band (the cap refers to it)
+    pub median_correction: Vec<f64>,
+    /// code of full scale of 16-bit pictures
+    pub white_level: Option<u16>,
+}
+
+/// A log the model was estimated from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InputFile {
+    /// file name
+    pub name: String,
+    /// fingerprint
+    pub sha256: String,
+    /// the camera's topic
+    pub camera_topic: String,
+    /// the range instrument's topic
+    pub dvl_topic: String,
+    /// frames used
+    pub frames: usize,
+}
+
+/// The whole file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelFile {
+    /// always [`FORMAT`]
+    pub format: String,
+    /// 1
+    pub version: u32,
+    /// the choice: none, strobe, paper, fit
+    pub spreading: Spreading,
+    /// p_a and p_s as used
+    #[serde(default)]
+    pub spreading_exponents: Option<[f64; 2]>,
+    /// whether cos γ is modelled
+    #[serde(default = "yes")]
+    pub incidence: bool,
+    /// α [1/m]
+    pub attenuation_per_m: Vec<f64>,
+    /// its standard deviation [1/m]
+    pub attenuation_std_per_m: Vec<f64>,
+    /// `physical` where spreading is modelled, else `effective`
+    pub attenuation_kind: String,
+    /// whether the log can tell
+    pub identified: bool,
+    /// why not
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub not_identified_because: Option<String>,
+    /// the estimator whose answer stands above
+    #[serde(default)]
+    pub estimator: String,
+    /// every estimator's answer
+    pub estimators: BTreeMap<String, EstimatorAnswer>,
+    /// BP
+    pub beam_pattern: BeamPatternFile,
+    /// not modelled yet
+    pub backscatter: Option<serde_json::Value>,
+    /// stretches of the log with their own attenuation
+    pub segments: Vec<serde_json::Value>,
+    /// exposure and white balance
+    pub rendering: RenderingFile,
+    /// where it came from
+    pub inputs: Vec<InputFile>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl BeamPatternFile {
+    /// Writes a pattern down, to six decimals.
+    pub fn of(beam: &BeamPattern) -> Self {
+        let nodes = beam.nodes();
+        let angles: Vec<f64> = (0..nodes.count).map(|i| rounded(nodes.angle(i).to_degrees())).collect();
+        let log_gain = beam.by_node().chunks(nodes.count).map(|row| row.iter().map(|v| v.map(rounded)).collect()).collect();
+        Self { theta_deg: angles.clone(), phi_deg: angles, log_gain }
+    }
+
+    fn pattern(&self) -> Result<BeamPattern, String> {
+        let count = self.theta_deg.len();
+        let square = count >= 2 && self.phi_deg == self.theta_deg && self.log_gain.len() == count && self.log_gain.iter().all(|r| r.len() == count);
+        let (Some(first), Some(last)) = (self.theta_deg.first(), self.theta_deg.last()) else { return Err("the beam pattern is empty".into()) };
+        let even = self.theta_deg.iter().enumerate().all(|(i, a)| (a - (first + (last - first) * i as f64 / (count - 1) as f64)).abs() < 1e-3);
+        if !square || !even || (first + last).abs() > 1e-3 || *last <= 0.0 {
+            return Err("the beam pattern is not a square grid, evenly spaced and symmetric about 0°".into());
+        }
+        let values: Vec<Option<f64>> = self.log_gain.iter().flatten().copied().collect();
+        Ok(BeamPattern::from_nodes(Nodes::new(count, *last), &values))
+    }
+}
+
+/// To nine decimals: enough for any use, and the same text on any machine.
+fn rounded(v: f64) -> f64 {
+    (v * 1e9).round() / 1e9
+}
+
+impl ModelFile {
+    /// Reads the file's text.
+    ///
+    /// # Errors
+    /// A sentence: not JSON, another format, contradictory sizes.
+    pub fn from_json(text: &str) -> Result<Self, String> {
+        let file: Self = serde_json::from_str(text).map_err(|e| e.to_string())?;
+        if file.format != FORMAT || file.version != 1 {
+            return Err(format!("format {:?} version {} is not {FORMAT:?} version 1", file.format, file.version));
+        }
+        let bands = file.attenuation_per_m.len();
+        let finite = file.attenuation_per_m.iter().chain(&file.rendering.gain).all(|v| v.is_finite());
+        if !matches!(bands, 1 | 3) || file.rendering.gain.len() != bands || file.rendering.median_correction.len() != bands || !finite {
+            return Err(format!("attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 finite numbers", file.rendering.gain.len()));
+        }
+        file.imaging_model()?;
+        Ok(file)
+    }
+
+    /// The model for pass two.
+    ///
+    /// # Errors
+    /// A sentence about the beam pattern.
+    pub fn imaging_model(&self) -> Result<ImagingModel, String> {
+        let mut attenuation_per_m = [0.0; 3];
+        for (to, from) in attenuation_per_m.iter_mut().zip(&self.attenuation_per_m) {
+            *to = *from;
+        }
+        let spreading = self.spreading_exponents.map_or_else(|| SpreadingModel::of(self.spreading), |[a, s]| SpreadingModel { strobe_leg: a, camera_leg: s });
+        Ok(ImagingModel {
+            bands: self.attenuation_per_m.len(),
+            attenuation_per_m,
+            spreading,
+            incidence: self.incidence,
+            beam_pattern: self.beam_pattern.pattern()?,
+        })
+    }
+
+    /// As text, keys in order, ending in a newline.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+}

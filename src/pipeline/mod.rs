@@ -1,0 +1,254 @@
+//! The whole run on one screen: scan the log, survey it, estimate (pass one), correct (pass two).
+
+mod beam_picture;
+mod ordered_map;
+mod pass_one;
+mod pass_two;
+pub mod scan;
+pub mod survey;
+
+use std::path::Path;
+
+use sha2::Digest;
+
+use crate::config::{Config, Method, Spreading};
+use crate::correct::{Correction, rendering};
+use crate::error::{Error, Result};
+use crate::estimate::{Estimate, Samples, estimate, tracks};
+use crate::geometry::LightPath;
+use crate::model::{BeamPatternFile, FORMAT, InputFile, ModelFile, SpreadingModel};
+use crate::recording::{Output, Recording, Window, ensure_distinct};
+use crate::report::Report;
+use crate::vehicle::RigFile;
+
+use ordered_map::Threads;
+use pass_one::{Collected, collect};
+pub use pass_two::{corrected_topic, method_name, output_container};
+use pass_two::PassTwo;
+use scan::{Scan, scan};
+use survey::{Selection, Survey, survey};
+
+/// A stretch of the run that takes time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// pass one: frames
+    Estimate,
+    /// pass one: pairs of frames
+    Match,
+    /// pass two: frames
+    Correct,
+}
+
+/// Who is told how far the run is.
+pub trait Progress {
+    /// A step of so many units begins.
+    fn begin(&self, step: Step, total: usize);
+    /// So many more are done.
+    fn advance(&self, units: usize);
+    /// The step is over.
+    fn end(&self);
+}
+
+/// Nobody is told.
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: Step, _: usize) {}
+    fn advance(&self, _: usize) {}
+    fn end(&self) {}
+}
+
+/// All that a run is told, beside the input's name.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// choices
+    pub config: Config,
+    /// facts
+    pub rig: RigFile,
+    /// which channels
+    pub selection: Selection,
+    /// which stretch; all of it where `None`
+    pub window: Option<Window>,
+    /// cores; 0 means all
+    pub threads: usize,
+    /// overwrite the output
+    pub force: bool,
+}
+
+impl Options {
+    fn window(&self) -> Window {
+        self.window.unwrap_or(Window::ALL)
+    }
+}
+
+/// A log that has been walked once and understood.
+pub struct Prepared {
+    /// the log
+    pub recording: Recording,
+    /// what it says
+    pub scan: Scan,
+    /// what that means
+    pub survey: Survey,
+}
+
+/// Opens a log and walks it once.
+///
+/// # Errors
+/// It cannot be read, or holds nothing.
+pub fn open(path: &Path, options: &Options) -> Result<(Recording, Scan)> {
+    let mut recording = Recording::open(path)?;
+    let scan = scan(&mut recording, options.window(), &options.rig.dvl);
+    if scan.messages == 0 {
+        let detail = match (scan.damage.len(), options.window) {
+            (_, Some(_)) => " in the stretch that -S and -E leave".into(),
+            (0, _) => String::new(),
+            (n, _) => format!(" ({n} places are damaged: {})", scan.damage[0].reason),
+        };
+        return Err(Error::Empty { path: path.into(), detail });
+    }
+    Ok((recording, scan))
+}
+
+/// Opens a log, walks it once and finds camera, ranges and mounts.
+///
+/// # Errors
+/// What is missing, and what supplies it.
+pub fn prepare(path: &Path, options: &Options) -> Result<Prepared> {
+    let (recording, mut scan) = open(path, options)?;
+    let survey = survey(&recording, &mut scan, &options.selection, &options.rig, &options.config)?;
+    Ok(Prepared { recording, scan, survey })
+}
+
+/// Pass one over one log or several of the same dive, camera and strobe.
+///
+/// # Errors
+/// A log cannot be used, or attenuation cannot be estimated.
+pub fn estimate_logs(paths: &[&Path], options: &Options, progress: &dyn Progress) -> Result<(ModelFile, Vec<String>)> {
+    let threads = Threads::new(options.threads);
+    let logs = paths.iter().map(|path| prepare(path, options)).collect::<Result<Vec<_>>>()?;
+    let warnings = logs.iter().flat_map(|p| p.survey.warnings.clone()).collect();
+    let collected = logs.iter().map(|log| Ok((log, pass_one(log, options, &threads, progress)?))).collect::<Result<Vec<_>>>()?;
+    Ok((model_of(collected, options)?, warnings))
+}
+
+/// Both passes, or pass two alone where a model is given: IN → OUT.
+///
+/// # Errors
+/// Nothing stands under OUT's name then.
+pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &Options, progress: &dyn Progress) -> Result<(Report, ModelFile)> {
+    options.config.ensure_valid().map_err(Error::Usage)?;
+    ensure_distinct(input, output, options.force)?;
+    let only = options.config.output.only.as_ref().map(|o| regex::Regex::new(o)).transpose();
+    let only = only.map_err(|e| Error::Usage(format!("--only: {e}")))?;
+    let threads = Threads::new(options.threads);
+    let mut prepared = prepare(input, options)?;
+    let wants_average = options.config.render.method == Method::FrameAverage;
+    let mut average = None;
+    let file = match model {
+        Some(file) if !wants_average => file,
+        given => {
+            let mut collected = pass_one(&prepared, options, &threads, progress)?;
+            average = Some(std::mem::take(&mut collected.average));
+            given.map_or_else(|| model_of(vec![(&prepared, collected)], options), Ok)?
+        }
+    };
+    // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
+    prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
+    let source_sha256 = sha256(prepared.recording.bytes());
+    let out = Output::create(output, &prepared.recording.profile, &options.config.output)?;
+    let imaging_model = file.imaging_model().map_err(Error::Usage)?;
+    let correction = Correction {
+        model: &imaging_model,
+        rendering: &file.rendering,
+        config: &options.config.render,
+        frame_average: average.as_ref().filter(|a| !a.is_empty()),
+        clipped_above: options.config.estimate.clipped_above as f32,
+    };
+    let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig)).unwrap_or_default();
+    let pass_two = PassTwo {
+        recording: &prepared.recording,
+        scan: &prepared.scan,
+        survey: &prepared.survey,
+        window: options.window(),
+        config: &options.config,
+        file: &file,
+        model: &imaging_model,
+        correction,
+        source_sha256: &source_sha256,
+        rig_toml: &rig_toml,
+        only,
+    };
+    let mut report = pass_two.run(out, &threads, progress)?;
+    report.warnings.extend(file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")));
+    Ok((report, file))
+}
+
+fn pass_one(log: &Prepared, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
+    collect(&log.recording, &log.scan, &log.survey, options.window(), &options.config, threads, progress)
+}
+
+/// Samples of all logs → one model.
+fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<ModelFile> {
+    let Some((first, _)) = logs.first() else { return Err(Error::Usage("no log was given".into())) };
+    let first = *first;
+    let (mut frames, mut pairs, mut inputs) = (Vec::new(), Vec::new(), Vec::new());
+    for (log, mut collected) in logs {
+        let offset = frames.len();
+        inputs.push(InputFile {
+            name: log.recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            sha256: sha256(log.recording.bytes()),
+            camera_topic: log.survey.camera_topic.clone(),
+            dvl_topic: log.survey.dvl_topic.clone(),
+            frames: collected.frames.len(),
+        });
+        frames.append(&mut collected.frames);
+        pairs.extend(collected.pairs.into_iter().map(|(a, b, m)| (a + offset, b + offset, m)));
+    }
+    if frames.is_empty() {
+        let reason = match first.survey.frames.len() {
+            0 => "the camera has no pictures".to_string(),
+            n => format!("none of {n} pictures has a seafloor below it and can be decoded"),
+        };
+        return Err(Error::NotEstimated { reason, remedy: "`unwater inspect` says what is missing".into() });
+    }
+    let config = &options.config;
+    let tracks = tracks(&frames, &pairs);
+    let body_from_strobe = first.survey.rig.strobe.body_from_strobe;
+    let samples = Samples { frames: &frames, tracks: &tracks, body_from_strobe };
+    let found = estimate(&samples, &config.estimate)?;
+    let lit: Vec<([f32; 3], LightPath)> = frames
+        .iter()
+        .flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, body_from_strobe)?))))
+        .collect();
+    let shown = rendering(&lit, &found.model, first.survey.white_level, &config.render);
+    Ok(file_of(found, shown, inputs, config))
+}
+
+fn file_of(found: Estimate, rendering: crate::model::RenderingFile, inputs: Vec<InputFile>, config: &Config) -> ModelFile {
+    let bands = found.model.bands;
+    let SpreadingModel { strobe_leg, camera_leg } = found.model.spreading;
+    ModelFile {
+        format: FORMAT.into(),
+        version: 1,
+        spreading: config.estimate.spreading,
+        spreading_exponents: Some([strobe_leg, camera_leg]),
+        incidence: found.model.incidence,
+        attenuation_per_m: found.model.attenuation_per_m[..bands].to_vec(),
+        attenuation_std_per_m: found.attenuation_std_per_m[..bands].to_vec(),
+        attenuation_kind: if config.estimate.spreading == Spreading::None { "effective" } else { "physical" }.into(),
+        identified: found.not_identified_because.is_none(),
+        not_identified_because: found.not_identified_because,
+        estimator: found.estimator.into(),
+        estimators: found.answers,
+        beam_pattern: BeamPatternFile::of(&found.model.beam_pattern),
+        backscatter: None,
+        segments: Vec::new(),
+        rendering,
+        inputs,
+    }
+}
+
+/// A fingerprint in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    sha2::Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}

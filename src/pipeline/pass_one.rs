@@ -1,0 +1,140 @@
+//! Pass one over a log: frames → samples → tracks. Frames are decoded on all cores and forgotten at once; samples
+//! are small and stay. What the samples mean is for `estimate` to say.
+
+use std::collections::BTreeSet;
+
+use crate::config::{Config, Estimator, Method};
+use crate::correct::FrameAverage;
+use crate::error::Result;
+use crate::estimate::{FrameSamples, Matchable, matches, samples};
+use crate::geometry::View;
+use crate::image::decode::{Light, decode};
+use crate::messages::{Decoder, Kind};
+use crate::recording::{Entry, Message, Recording, Window};
+
+use super::ordered_map::{Threads, ordered_map};
+use super::scan::Scan;
+use super::survey::Survey;
+use super::{Progress, Step};
+
+/// Frames in a row that pass one takes before it jumps on; overlap needs neighbours.
+const STRETCH: usize = 12;
+
+/// What pass one keeps of one log.
+#[derive(Default)]
+pub struct Collected {
+    /// samples of the frames, in order
+    pub frames: Vec<FrameSamples>,
+    /// matched keypoints: indices into `frames`, and of their keypoints
+    pub pairs: Vec<(usize, usize, Vec<(u32, u32)>)>,
+    /// the mean frame, where the method wants it
+    pub average: FrameAverage,
+}
+
+/// Which frames pass one looks at: all, or stretches spread evenly over the log.
+pub fn chosen_frames(total: usize, most: usize) -> BTreeSet<usize> {
+    if total <= most {
+        return (0..total).collect();
+    }
+    let stretches = (most / STRETCH).max(1);
+    let length = (most / stretches).min(total);
+    (0..stretches).flat_map(|s| {
+        let first = if stretches > 1 { s * (total - length) / (stretches - 1) } else { 0 };
+        first..first + length
+    }).collect()
+}
+
+/// A camera's message and the index of its frame.
+pub fn camera_messages<'r>(recording: &'r Recording, survey: &'r Survey, window: Window) -> impl Iterator<Item = (usize, Message)> + Send + 'r {
+    let of_camera = move |entry| match entry {
+        Entry::Message(m) if survey.camera_channels.contains(&m.channel) => Some(m),
+        _ => None,
+    };
+    recording.messages(window).filter_map(of_camera).enumerate()
+}
+
+/// Takes samples of the chosen frames and matches neighbours.
+///
+/// # Errors
+/// None of its own; a frame that cannot be used is left out here and accounted for in pass two.
+pub fn collect(recording: &Recording, scan: &Scan, survey: &Survey, window: Window, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
+    let chosen = chosen_frames(survey.frames.len(), config.estimate.max_frames);
+    let mut collected = Collected::default();
+    progress.begin(Step::Estimate, chosen.len());
+    let wants_average = config.render.method == Method::FrameAverage;
+    let with_keypoints = config.estimate.estimator != Estimator::Altitude;
+    let work = |(index, message): (usize, Message)| {
+        let decoder = scan.decoders.get(&message.channel)?;
+        let image = decoded(decoder, &message, survey, config).ok()?;
+        let camera = survey.rig.camera.scaled_to(image.width, image.height)?;
+        let stamp = survey.frames.get(index)?.stamp;
+        let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
+        let view = View { camera: &camera, rig: &survey.rig, plane: &plane };
+        let taken = samples(index, &image, &view, with_keypoints, &config.matching, &config.estimate);
+        Some((taken, wants_average.then_some(image)))
+    };
+    let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
+    ordered_map(items, 2 * threads.count(), |_| 1, threads, work, |result| -> Result<()> {
+        if let Some((taken, image)) = result {
+            collected.frames.push(taken);
+            if let Some(image) = image {
+                collected.average.add(&image);
+            }
+        }
+        progress.advance(1);
+        Ok(())
+    })?;
+    progress.end();
+    if with_keypoints {
+        collected.pairs = matched(&collected.frames, survey, config, threads, progress)?;
+    }
+    Ok(collected)
+}
+
+/// Decodes a camera's message into linear light.
+pub fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<crate::image::LinearImage, String> {
+    let value = decoder.read(message.data())?;
+    let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
+    let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
+    Ok(decode(&read(&value)?, light)?.image)
+}
+
+fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<(usize, usize, Vec<(u32, u32)>)>> {
+    let neighbours = (0..frames.len()).flat_map(|a| (a + 1..frames.len().min(a + 1 + config.matching.neighbours)).map(move |b| (a, b)));
+    // Frames of one stretch are neighbours; the last of one and the first of the next are not.
+    let near = neighbours.filter(|(a, b)| frames[*b].frame - frames[*a].frame <= config.matching.neighbours);
+    let near: Vec<(usize, usize)> = near.collect();
+    progress.begin(Step::Match, near.len());
+    let camera = &survey.rig.camera;
+    let reduction = camera.width.max(camera.height).div_ceil(config.matching.detection_side_px).max(1) as f64;
+    let inlier = config.matching.inlier_px * reduction / camera.fx;
+    let work = |(a, b): (usize, usize)| {
+        let of = |i: usize| Matchable { keypoints: &frames[i].keypoints, places: &frames[i].places };
+        (a, b, matches(&of(a), &of(b), &config.matching, inlier, (a as u64) << 32 | b as u64))
+    };
+    let mut pairs = Vec::new();
+    ordered_map(near.into_iter(), 16, |_| 1, threads, work, |pair| -> Result<()> {
+        progress.advance(1);
+        if !pair.2.is_empty() {
+            pairs.push(pair);
+        }
+        Ok(())
+    })?;
+    progress.end();
+    Ok(pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_are_spread_and_bounded() {
+        assert_eq!(chosen_frames(10, 400).len(), 10);
+        let chosen = chosen_frames(50_000, 400);
+        assert!(chosen.len() <= 400 && chosen.len() > 380, "{}", chosen.len());
+        assert!(chosen.contains(&0) && chosen.contains(&49_999));
+        let runs = chosen.iter().zip(chosen.iter().skip(1)).filter(|(a, b)| **b == **a + 1).count();
+        assert!(runs * 10 > chosen.len() * 8, "neighbours stay together");
+    }
+}

@@ -1,0 +1,496 @@
+//! Pass two over a log: every message is copied, every frame corrected, all of it written in order.
+
+use std::collections::BTreeMap;
+
+use crate::config::{Config, ImageFormat, Method};
+use crate::correct::{Corrected, Correction, FrameFacts};
+use crate::error::Result;
+use crate::geometry::{NoSeafloor, SeafloorPlane, View};
+use crate::image::decode::{Light, decode};
+use crate::image::transfer::SrgbTable;
+use crate::image::{Container, LinearImage, encode};
+use crate::messages::output::{self, Level, OutputType};
+use crate::messages::{Heading, Kind, heading};
+use crate::model::{ImagingModel, ModelFile};
+use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
+use crate::report::{Reason, Report};
+use crate::spaces::Direction;
+
+use super::ordered_map::{Threads, ordered_map};
+use super::scan::Scan;
+use super::survey::Survey;
+use super::{Progress, Step};
+
+/// Bytes of messages in a batch, at most; frames are bounded by the number of threads as well.
+const BATCH_BYTES: usize = 32 << 20;
+
+/// The corrected pictures' topic: the `image…` element becomes `image_corrected`, `/compressed` comes last.
+pub fn corrected_topic(camera_topic: &str, compressed: bool) -> String {
+    let base = camera_topic.strip_suffix("/compressed").unwrap_or(camera_topic);
+    let mut elements: Vec<&str> = base.split('/').collect();
+    match elements.iter().rposition(|e| e.starts_with("image")) {
+        Some(at) => elements[at] = "image_corrected",
+        None => elements.push("image_corrected"),
+    }
+    elements.join("/") + if compressed { "/compressed" } else { "" }
+}
+
+/// The container corrected pictures go out in.
+pub fn output_container(source: Container, config: &Config) -> Container {
+    let jpeg = Container::Jpeg { subsampled: matches!(source, Container::Jpeg { subsampled: true }) };
+    let deep = config.render.depth == 16;
+    match (config.render.image_format, source) {
+        (ImageFormat::Raw, _) | (ImageFormat::Same, Container::Raw) => Container::Raw,
+        (ImageFormat::Png, _) | (ImageFormat::Auto | ImageFormat::Same, Container::Png) => Container::Png,
+        (ImageFormat::Auto | ImageFormat::Same, _) if deep => Container::Png,
+        (ImageFormat::Jpeg | ImageFormat::Auto | ImageFormat::Same, _) => jpeg,
+    }
+}
+
+/// The channels that are added.
+struct Added {
+    corrected: NewChannel,
+    camera_info: Option<NewChannel>,
+    attenuation: NewChannel,
+    seafloor: NewChannel,
+    beam_pattern: NewChannel,
+    beam_picture: NewChannel,
+    frame: NewChannel,
+    log: NewChannel,
+    plot_attenuation: NewChannel,
+    plot_altitude: NewChannel,
+    plot_residual: NewChannel,
+}
+
+/// A frame after the work on it.
+struct Done {
+    message: Message,
+    heading: Heading,
+    plane: Option<SeafloorPlane>,
+    result: std::result::Result<(Vec<u8>, FrameFacts), Reason>,
+}
+
+enum Item {
+    Other(Message),
+    Frame(usize, Message),
+    Damaged,
+}
+
+enum Outcome {
+    Other(Message),
+    Frame(Box<Done>),
+    Damaged,
+}
+
+/// Everything pass two works with.
+pub struct PassTwo<'p> {
+    /// the log
+    pub recording: &'p Recording,
+    /// its scan
+    pub scan: &'p Scan,
+    /// its survey
+    pub survey: &'p Survey,
+    /// the stretch that is written
+    pub window: Window,
+    /// the choices
+    pub config: &'p Config,
+    /// the model as a file
+    pub file: &'p ModelFile,
+    /// the model
+    pub model: &'p ImagingModel,
+    /// how frames are corrected
+    pub correction: Correction<'p>,
+    /// the input's fingerprint
+    pub source_sha256: &'p str,
+    /// the rig, as a rig file's text
+    pub rig_toml: &'p str,
+    /// topics that are kept, where the user narrows them
+    pub only: Option<regex::Regex>,
+}
+
+impl PassTwo<'_> {
+    /// Writes the corrected log and returns the account of it.
+    ///
+    /// # Errors
+    /// Writing failed.
+    pub fn run(&self, mut out: Output, threads: &Threads, progress: &dyn Progress) -> Result<Report> {
+        let container = output_container(self.survey.container, self.config);
+        let mut report = self.empty_report(container);
+        let kept = self.copy_declarations(&mut out, &mut report)?;
+        let added = self.add_channels(&mut out, container)?;
+        let srgb = SrgbTable::new();
+        let rectified = self.config.render.rectify.then(|| self.survey.rig.camera.rectified());
+
+        progress.begin(Step::Correct, self.survey.frames.len());
+        let mut next_frame = 0;
+        let items = self.recording.messages(self.window).filter_map(|entry| match entry {
+            Entry::Message(m) if self.survey.camera_channels.contains(&m.channel) => {
+                next_frame += 1;
+                Some(Item::Frame(next_frame - 1, m))
+            }
+            Entry::Message(m) => Some(Item::Other(m)),
+            Entry::Damaged(_) => Some(Item::Damaged),
+            Entry::Declared(_) => None,
+        });
+        let frame_weight = BATCH_BYTES / (2 * threads.count());
+        let weigh = |item: &Item| match item {
+            Item::Frame(_, m) => frame_weight.max(m.data().len()),
+            Item::Other(m) => m.data().len() + 64,
+            Item::Damaged => 0,
+        };
+        let work = |item| match item {
+            Item::Other(m) => Outcome::Other(m),
+            Item::Damaged => Outcome::Damaged,
+            Item::Frame(index, m) => Outcome::Frame(Box::new(self.frame(index, m, container, &srgb, rectified.as_ref()))),
+        };
+        let mut tally = Tally::default();
+        ordered_map(items, BATCH_BYTES, weigh, threads, work, |outcome| -> Result<()> {
+            match outcome {
+                Outcome::Damaged => {}
+                Outcome::Other(m) => {
+                    if kept.get(&m.channel).copied().unwrap_or(false) {
+                        out.copy(&m)?;
+                        report.messages_copied += 1;
+                    }
+                }
+                Outcome::Frame(done) => {
+                    if kept.get(&done.message.channel).copied().unwrap_or(false) {
+                        out.copy(&done.message)?;
+                        report.messages_copied += 1;
+                    }
+                    tally.count(&done);
+                    report.messages_added += self.write_frame(&mut out, &added, &done, report.frames == 0, &tally)?;
+                    report.frames += 1;
+                    progress.advance(1);
+                }
+            }
+            Ok(())
+        })?;
+        progress.end();
+        tally.into_report(&mut report);
+        self.finish(out, &mut report)?;
+        Ok(report)
+    }
+
+    fn empty_report(&self, container: Container) -> Report {
+        Report {
+            version: env!("CARGO_PKG_VERSION").into(),
+            source: self.recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            camera_topic: self.survey.camera_topic.clone(),
+            corrected_topic: corrected_topic(&self.survey.camera_topic, container != Container::Raw),
+            dvl_topic: self.survey.dvl_topic.clone(),
+            method: method_name(self.config.render.method).into(),
+            remarks: self.survey.remarks.clone(),
+            warnings: self.survey.warnings.clone(),
+            damage: self.scan.damage.clone(),
+            ..Report::default()
+        }
+    }
+
+    /// Copies every schema and every channel that is kept; says which channels those are.
+    fn copy_declarations(&self, out: &mut Output, report: &mut Report) -> Result<BTreeMap<u16, bool>> {
+        for (id, schema) in &self.recording.schemas {
+            out.copy_schema(*id, schema)?;
+        }
+        let mut kept = BTreeMap::new();
+        for (id, channel) in &self.recording.channels {
+            let raw = self.config.output.drop_raw && self.survey.camera_channels.contains(id);
+            let keep = !raw && self.only.as_ref().is_none_or(|only| only.is_match(&channel.topic));
+            kept.insert(*id, keep);
+            if keep {
+                let known = channel.schema_id == 0 || self.recording.schemas.contains_key(&channel.schema_id);
+                if !known {
+                    report.warnings.push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
+                }
+                let channel = crate::recording::Channel { schema_id: if known { channel.schema_id } else { 0 }, ..channel.clone() };
+                out.copy_channel(*id, &channel)?;
+            }
+        }
+        if self.scan.homeless > 0 {
+            report.warnings.push(format!("{} messages belong to no channel and are left out", self.scan.homeless));
+        }
+        Ok(kept)
+    }
+
+    fn add_channels(&self, out: &mut Output, container: Container) -> Result<Added> {
+        let mut add = |topic: &str, kind: OutputType| out.add_channel(topic, kind.name, kind.schema);
+        let compressed = container != Container::Raw;
+        let corrected = corrected_topic(&self.survey.camera_topic, compressed);
+        Ok(Added {
+            corrected: add(&corrected, if compressed { output::COMPRESSED_IMAGE } else { output::IMAGE })?,
+            camera_info: if self.config.render.rectify {
+                Some(add(&(corrected_topic(&self.survey.camera_topic, false) + "/camera_info"), output::CAMERA_INFO)?)
+            } else {
+                None
+            },
+            attenuation: add("/unwater/attenuation", output::ATTENUATION)?,
+            seafloor: add("/unwater/seafloor", output::SEAFLOOR)?,
+            beam_pattern: add("/unwater/beam_pattern", output::BEAM_PATTERN)?,
+            beam_picture: add("/unwater/beam_pattern/picture/compressed", output::COMPRESSED_IMAGE)?,
+            frame: add("/unwater/frame", output::FRAME)?,
+            log: add("/unwater/log", output::LOG)?,
+            plot_attenuation: add("/unwater/plot/attenuation_per_m", output::MULTI_ARRAY)?,
+            plot_altitude: add("/unwater/plot/camera_altitude_m", output::MULTI_ARRAY)?,
+            plot_residual: add("/unwater/plot/seafloor_residual_m", output::MULTI_ARRAY)?,
+        })
+    }
+
+    /// One frame, on whichever core: decode, find its plane, correct, encode.
+    fn frame(&self, index: usize, message: Message, container: Container, srgb: &SrgbTable, rectified: Option<&crate::vehicle::Camera>) -> Done {
+        let mut said = Heading::default();
+        let mut plane = None;
+        let result = (|| {
+            let decoder = self.scan.decoders.get(&message.channel).ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
+            let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
+            said = heading(&value);
+            let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
+            let light = Light { transfer: self.config.light.transfer, white_level: self.survey.white_level };
+            let picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
+            let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
+            let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
+                NoSeafloor::NoPing { .. } => Reason::NoPing,
+                NoSeafloor::NoReturn => Reason::NoReturn,
+                NoSeafloor::Impossible => Reason::ImpossiblePlane,
+            })?;
+            plane = Some(found);
+            let camera = self.survey.rig.camera.scaled_to(picture.image.width, picture.image.height).ok_or(Reason::WrongSize)?;
+            if picture.image.bands != self.model.bands {
+                return Err(Reason::Undecodable(format!("it has {} bands, the model {}", picture.image.bands, self.model.bands)));
+            }
+            let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
+            let Corrected { image, facts } = self.correction.apply(&picture.image, &view, rectified);
+            if facts.off_surface_share >= 1.0 {
+                return Err(Reason::OffSurface);
+            }
+            let subsampled = picture.coding.container == Container::Jpeg { subsampled: true };
+            Ok((self.encoded(&said, &image, container, subsampled, srgb).map_err(Reason::Unencodable)?, facts))
+        })();
+        Done { message, heading: said, plane, result }
+    }
+
+    fn encoded(&self, heading: &Heading, image: &LinearImage, container: Container, subsampled: bool, srgb: &SrgbTable) -> std::result::Result<Vec<u8>, String> {
+        let LinearImage { width, height, bands, .. } = *image;
+        let deep = self.config.render.depth == 16;
+        let samples: Vec<u8> = if deep {
+            image.pixels.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
+        } else {
+            image.pixels.iter().map(|v| srgb.code(*v)).collect()
+        };
+        Ok(match container {
+            Container::Jpeg { .. } => output::compressed_image(heading, "jpeg", &encode::jpeg(&samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?),
+            Container::Png => output::compressed_image(heading, "png", &encode::png(&samples, width, height, bands, self.config.render.depth)?),
+            Container::Raw => {
+                let encoding = match (bands, deep) {
+                    (1, false) => "mono8",
+                    (1, true) => "mono16",
+                    (_, false) => "rgb8",
+                    (_, true) => "rgb16",
+                };
+                let samples: Vec<u8> = if deep && cfg!(target_endian = "big") { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { samples };
+                output::image(heading, width, height, encoding, samples.len() / height.max(1), &samples)
+            }
+        })
+    }
+
+    /// Writes all that belongs to a frame; the number of messages.
+    fn write_frame(&self, out: &mut Output, added: &Added, done: &Done, is_first: bool, tally: &Tally) -> Result<u64> {
+        let (log_time, publish_time) = (done.message.log_time, done.message.publish_time);
+        let mut count = 0;
+        let mut put = |out: &mut Output, channel: NewChannel, data: &[u8]| {
+            count += 1;
+            out.write(channel, log_time, publish_time, data)
+        };
+        let stamp = done.heading.stamp.unwrap_or(done.message.logged());
+        if is_first {
+            for (level, text) in self.opening_lines() {
+                put(out, added.log, &output::log(stamp, level, &text))?;
+            }
+            put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading))?;
+            let picture = super::beam_picture::png(&self.model.beam_pattern);
+            put(out, added.beam_picture, &output::compressed_image(&done.heading, "png", &picture))?;
+        }
+        if let Ok((payload, _)) = &done.result {
+            put(out, added.corrected, payload)?;
+            if let Some(channel) = added.camera_info {
+                put(out, channel, &output::camera_info(&done.heading, &self.survey.rig.camera.rectified()))?;
+            }
+        }
+        let alpha = padded(&self.file.attenuation_per_m);
+        let attenuation = output::headed(&done.heading).f64_array(&alpha).f64_array(&padded(&self.file.attenuation_std_per_m));
+        put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish())?;
+        put(out, added.plot_attenuation, &output::multi_array("red_green_blue", &self.file.attenuation_per_m))?;
+        if let Some(plane) = &done.plane {
+            let rig = &self.survey.rig;
+            let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
+            let altitude = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+            let tilt = normal.dot(&Direction::<crate::spaces::Optical>::boresight().vector()).clamp(-1.0, 1.0).acos().to_degrees();
+            let seafloor = output::headed(&done.heading)
+                .f64_array(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
+                .u32(plane.hits as u32)
+                .f64_array(&[plane.residual_m, plane.nearest_ping_s])
+                .text(plane.support.word());
+            put(out, added.seafloor, &seafloor.finish())?;
+            put(out, added.plot_altitude, &output::multi_array("camera_altitude_m", &[altitude]))?;
+            put(out, added.plot_residual, &output::multi_array("seafloor_residual_m", &[plane.residual_m]))?;
+        }
+        let (corrected, reason, facts) = match &done.result {
+            Ok((_, facts)) => (true, String::new(), *facts),
+            Err(reason) => (false, reason.to_string(), UNKNOWN),
+        };
+        let frame = output::headed(&done.heading).u8(u8::from(corrected)).text(&reason).f64_array(&[
+            facts.camera_altitude_m,
+            facts.path_length_min_m,
+            facts.path_length_mean_m,
+            facts.path_length_max_m,
+            facts.clipped_input_share,
+            facts.clipped_output_share,
+            facts.gain_capped_share,
+            facts.off_surface_share,
+            facts.unseen_beam_share,
+            facts.mean_gain,
+        ]);
+        put(out, added.frame, &frame.finish())?;
+        if let Err(reason) = &done.result
+            && tally.uncorrected.get(&reason.to_string()) == Some(&1)
+        {
+            put(out, added.log, &output::log(stamp, Level::Warn, &format!("not corrected: {reason}")))?;
+        }
+        Ok(count)
+    }
+
+    fn opening_lines(&self) -> Vec<(Level, String)> {
+        let alpha: Vec<String> = self.file.attenuation_per_m.iter().zip(&self.file.attenuation_std_per_m).map(|(a, s)| format!("{a:.3} ± {s:.3}")).collect();
+        let kind = &self.file.attenuation_kind;
+        let mut lines = vec![(Level::Info, format!("{kind} attenuation {} per metre, by the {} estimator", alpha.join(" / "), self.file.estimator))];
+        lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
+        lines.extend(self.survey.warnings.iter().map(|w| (Level::Warn, w.clone())));
+        lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));
+        lines
+    }
+
+    fn beam_pattern_message(&self, heading: &Heading) -> Vec<u8> {
+        let beam = &self.model.beam_pattern;
+        let nodes = beam.nodes();
+        let angles: Vec<f64> = (0..nodes.count).map(|i| nodes.angle(i).to_degrees()).collect();
+        let log_gain: Vec<f64> = beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
+        output::headed(heading).f64_sequence(&angles).f64_sequence(&angles).f64_sequence(&log_gain).finish()
+    }
+
+    /// Attachments and metadata: the input's, then ours.
+    fn finish(&self, mut out: Output, report: &mut Report) -> Result<()> {
+        for attachment in self.recording.attachments() {
+            match attachment {
+                Ok(attachment) => out.attach(&attachment)?,
+                Err(damage) => report.damage.push(damage),
+            }
+        }
+        for record in &self.recording.metadata {
+            out.metadata(record)?;
+        }
+        let (first, last) = self.scan.span.unwrap_or_default();
+        let model_json = self.file.to_json();
+        let config_toml = self.config.to_commented_toml();
+        let texts =
+            [("model.json", "application/json", model_json.clone()), ("report.json", "application/json", report.to_json()), ("unwater.toml", "application/toml", config_toml.clone()), ("rig.toml", "application/toml", self.rig_toml.into())];
+        for (name, media_type, text) in texts {
+            out.attach(&mcap::Attachment { log_time: last, create_time: first, name: name.into(), media_type: media_type.into(), data: text.into_bytes().into() })?;
+        }
+        let facts = [
+            ("version", report.version.clone()),
+            ("camera_topic", report.camera_topic.clone()),
+            ("corrected_topic", report.corrected_topic.clone()),
+            ("dvl_topic", report.dvl_topic.clone()),
+            ("method", report.method.clone()),
+            ("model_sha256", super::sha256(model_json.as_bytes())),
+            ("source", report.source.clone()),
+            ("source_sha256", self.source_sha256.into()),
+            ("configuration", config_toml),
+        ];
+        let metadata = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();
+        out.metadata(&mcap::records::Metadata { name: "unwater".into(), metadata })?;
+        out.finish()
+    }
+}
+
+const UNKNOWN: FrameFacts = FrameFacts {
+    camera_altitude_m: f64::NAN,
+    path_length_min_m: f64::NAN,
+    path_length_mean_m: f64::NAN,
+    path_length_max_m: f64::NAN,
+    clipped_input_share: f64::NAN,
+    clipped_output_share: f64::NAN,
+    gain_capped_share: f64::NAN,
+    off_surface_share: f64::NAN,
+    unseen_beam_share: f64::NAN,
+    mean_gain: f64::NAN,
+};
+
+fn padded(values: &[f64]) -> [f64; 3] {
+    std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
+}
+
+/// The word of a method as the command line has it.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Full => "full",
+        Method::Attenuation => "attenuation",
+        Method::BeamPattern => "beam-pattern",
+        Method::FrameAverage => "frame-average",
+    }
+}
+
+/// Running counts over the frames.
+#[derive(Default)]
+struct Tally {
+    corrected: usize,
+    uncorrected: BTreeMap<String, usize>,
+    planes: BTreeMap<String, usize>,
+    altitude: Option<[f64; 2]>,
+    shares: BTreeMap<&'static str, f64>,
+}
+
+impl Tally {
+    fn count(&mut self, done: &Done) {
+        if let Some(plane) = &done.plane {
+            *self.planes.entry(plane.support.word().into()).or_default() += 1;
+        }
+        match &done.result {
+            Err(reason) => *self.uncorrected.entry(reason.to_string()).or_default() += 1,
+            Ok((_, f)) => {
+                self.corrected += 1;
+                let [low, high] = self.altitude.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
+                self.altitude = Some([low.min(f.camera_altitude_m), high.max(f.camera_altitude_m)]);
+                for (name, share) in [
+                    ("clipped_input", f.clipped_input_share),
+                    ("clipped_output", f.clipped_output_share),
+                    ("gain_capped", f.gain_capped_share),
+                    ("off_surface", f.off_surface_share),
+                    ("unseen_beam", f.unseen_beam_share),
+                ] {
+                    *self.shares.entry(name).or_default() += share;
+                }
+            }
+        }
+    }
+
+    fn into_report(self, report: &mut Report) {
+        report.corrected = self.corrected;
+        report.uncorrected = self.uncorrected;
+        report.planes = self.planes;
+        report.camera_altitude_m = self.altitude;
+        report.mean_shares = self.shares.into_iter().map(|(k, v)| (k.into(), v / self.corrected.max(1) as f64)).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::corrected_topic;
+
+    #[test]
+    fn topics_follow_image_transport() {
+        assert_eq!(corrected_topic("/camera/image_raw", false), "/camera/image_corrected");
+        assert_eq!(corrected_topic("/camera/image_raw", true), "/camera/image_corrected/compressed");
+        assert_eq!(corrected_topic("/camera/image_color/compressed", true), "/camera/image_corrected/compressed");
+        assert_eq!(corrected_topic("/stereo/left", true), "/stereo/left/image_corrected/compressed");
+    }
+}

@@ -1,0 +1,226 @@
+//! The first walk over a log: who speaks on which channel, what the small messages say. Pictures are only counted.
+
+use std::collections::BTreeMap;
+
+use nalgebra::UnitQuaternion;
+
+use crate::image::decode::{Light, describe, white_level};
+use crate::image::{Container, EncodedImage, decode};
+use crate::messages::{Decoder, Edge, Kind, attitude_frame, heading};
+use crate::recording::{Channel, Damage, Entry, Message, Recording, Window};
+use crate::units::Stamp;
+use crate::vehicle::{Camera, DvlFacts, Ping};
+
+/// A picture of a camera: all that is known without decoding it.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameRef {
+    /// its own time, or the log's where it has none
+    pub stamp: Stamp,
+    /// when it was recorded
+    pub logged: Stamp,
+}
+
+/// What one channel said.
+#[derive(Default)]
+pub struct ChannelScan {
+    /// messages
+    pub count: u64,
+    /// messages that contradict their schema, and the first complaint
+    pub unreadable: (u64, Option<String>),
+    /// frame id of the first message
+    pub frame_id: String,
+    /// one line on what it carries
+    pub description: String,
+    /// median of header time − log time, once the scan is done [s]
+    pub clock_offset_s: Option<f64>,
+    offsets: Vec<f64>,
+    /// pictures
+    pub frames: Vec<FrameRef>,
+    /// codes of 16-bit pictures or-ed together
+    pub bits_used: u16,
+    /// the first picture's size and container
+    pub picture: Option<(usize, usize)>,
+    /// whether pictures are PNG, JPEG or raw
+    pub container: Option<Container>,
+    /// pings with the log time
+    pub pings: Vec<(Ping, Stamp)>,
+    /// what the decoder had to mend, each once
+    pub remarks: Vec<String>,
+    /// attitudes with the log time
+    pub attitudes: Vec<(Stamp, Stamp, UnitQuaternion<f64>)>,
+    /// messages that say they have no attitude
+    pub without_attitude: u64,
+    /// the first calibration that is one, and whether any said "not calibrated"
+    pub camera: Option<Camera>,
+    /// TF edges, first of each child
+    pub edges: Vec<Edge>,
+}
+
+/// What a log holds.
+pub struct Scan {
+    /// channels by id
+    pub channels: BTreeMap<u16, ChannelScan>,
+    /// decoders by channel id
+    pub decoders: BTreeMap<u16, Decoder>,
+    /// what could not be read
+    pub damage: Vec<Damage>,
+    /// messages in the window
+    pub messages: u64,
+    /// first and last log time in the window [ns]
+    pub span: Option<(u64, u64)>,
+    /// messages whose channel is nowhere declared
+    pub homeless: u64,
+}
+
+/// Decoders for the channels known so far; complaints about schemas that cannot be parsed.
+fn decoder(recording: &Recording, channel: &Channel) -> Result<Option<Decoder>, String> {
+    match recording.schemas.get(&channel.schema_id) {
+        Some(schema) => Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data),
+        None => Ok(None),
+    }
+}
+
+/// Pictures looked at for the sensor's bit depth: the first few, then ever fewer.
+fn is_probed(index: usize) -> bool {
+    index < 3 || index.is_power_of_two()
+}
+
+/// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window.
+pub fn scan(recording: &mut Recording, window: Window, dvl: &DvlFacts) -> Scan {
+    let mut scan = Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0 };
+    let mut declared = Vec::new();
+    // Channels that stand only inside chunks (a log without a summary) are learned first: they may follow their messages.
+    if !recording.is_complete || recording.channels.is_empty() {
+        declared.extend(recording.messages(Window::ALL).filter_map(|e| if let Entry::Declared(d) = e { Some(d) } else { None }));
+        recording.learn(declared);
+    }
+    for (id, channel) in &recording.channels {
+        let mut of_channel = ChannelScan::default();
+        match decoder(recording, channel) {
+            Ok(Some(decoder)) => {
+                scan.decoders.insert(*id, decoder);
+            }
+            Ok(None) => {}
+            Err(e) => of_channel.unreadable.1 = Some(e),
+        }
+        scan.channels.insert(*id, of_channel);
+    }
+    for entry in recording.messages(Window::ALL) {
+        match entry {
+            Entry::Message(message) => scan.take(&message, window, dvl),
+            Entry::Damaged(damage) => scan.damage.push(damage),
+            Entry::Declared(_) => {}
+        }
+    }
+    scan.damage.sort();
+    scan.damage.dedup();
+    for channel in scan.channels.values_mut() {
+        if !channel.offsets.is_empty() {
+            let middle = channel.offsets.len() / 2;
+            channel.clock_offset_s = Some(*channel.offsets.select_nth_unstable_by(middle, f64::total_cmp).1);
+        }
+    }
+    scan
+}
+
+impl Scan {
+    fn take(&mut self, message: &Message, window: Window, dvl: &DvlFacts) {
+        let inside = window.holds(message.log_time);
+        let Some(channel) = self.channels.get_mut(&message.channel) else {
+            self.homeless += u64::from(inside);
+            return;
+        };
+        if inside {
+            self.messages += 1;
+            channel.count += 1;
+            let (first, last) = self.span.unwrap_or((message.log_time, message.log_time));
+            self.span = Some((first.min(message.log_time), last.max(message.log_time)));
+        }
+        let Some(decoder) = self.decoders.get(&message.channel) else { return };
+        let kind = decoder.message_type.kind;
+        if !inside && !matches!(kind, Kind::Transforms(_) | Kind::CameraInfo(_)) {
+            return;
+        }
+        if let Err(complaint) = channel.read(decoder, kind, message, dvl) {
+            channel.unreadable.0 += 1;
+            channel.unreadable.1.get_or_insert(complaint);
+        }
+    }
+}
+
+impl ChannelScan {
+    fn read(&mut self, decoder: &Decoder, kind: Kind, message: &Message, dvl: &DvlFacts) -> Result<(), String> {
+        let value = decoder.read(message.data())?;
+        let said = heading(&value);
+        let logged = message.logged();
+        let stamp = said.stamp.unwrap_or(logged);
+        if let Some(stamp) = said.stamp {
+            self.offsets.push(stamp.seconds_since(logged));
+        }
+        if self.frame_id.is_empty() {
+            self.frame_id = if matches!(kind, Kind::Attitude(_)) { attitude_frame(&value) } else { said.frame_id };
+        }
+        match kind {
+            Kind::Picture(decode) => {
+                let picture = decode(&value)?;
+                self.probe(&picture);
+                self.frames.push(FrameRef { stamp, logged });
+            }
+            Kind::CameraInfo(decode) => {
+                if self.camera.is_none() {
+                    self.camera = decode(&value)?;
+                }
+            }
+            Kind::Transforms(decode) => {
+                for edge in decode(&value)? {
+                    if self.edges.iter().all(|known| known.child != edge.child) {
+                        self.edges.push(edge);
+                    }
+                }
+            }
+            Kind::Attitude(decode) => match decode(&value)? {
+                Some(rotation) => self.attitudes.push((stamp, logged, rotation)),
+                None => self.without_attitude += 1,
+            },
+            Kind::Ping(_, decode) => {
+                let reading = decode(&value, dvl)?;
+                if let Some(remark) = reading.remark
+                    && !self.remarks.contains(&remark)
+                {
+                    self.remarks.push(remark);
+                }
+                if let Some(mut ping) = reading.ping {
+                    ping.stamp = stamp;
+                    self.pings.push((ping, logged));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn probe(&mut self, picture: &EncodedImage<'_>) {
+        if self.frames.is_empty() {
+            self.description = describe(picture);
+            self.picture = decode::size(picture);
+        }
+        if is_probed(self.frames.len())
+            && let Ok(decoded) = decode::decode(picture, Light::default())
+        {
+            self.container.get_or_insert(decoded.coding.container);
+            if decoded.coding.bits == 16 {
+                self.bits_used |= decoded.coding.bits_used;
+            }
+        }
+    }
+
+    /// Full scale of 16-bit pictures, from the bits they use; `None` for 8-bit ones.
+    pub fn white_level(&self) -> Option<u16> {
+        (self.bits_used != 0).then(|| white_level(self.bits_used))
+    }
+
+    /// Pings with at least three returns, at least one, and any altitude.
+    pub fn ping_counts(&self) -> (usize, usize, usize) {
+        let count = |f: &dyn Fn(&Ping) -> bool| self.pings.iter().filter(|(p, _)| f(p)).count();
+        (count(&|p| p.returns() >= 3), count(&|p| p.returns() >= 1), count(&|p| p.altitude.is_some()))
+    }
+}

@@ -1,0 +1,450 @@
+//! Scan → survey: which camera, which range instrument, where all of it sits. Every refusal names what was found,
+//! what is needed, and the key or option that supplies it.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Isometry3;
+
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::geometry::Pings;
+use crate::image::Container;
+use crate::messages::{Edge, Kind};
+use crate::recording::Recording;
+use crate::spaces::{Body, Optical, Strobe, Transform};
+use crate::units::Stamp;
+use crate::vehicle::{AttitudeTrack, Camera, MountFacts, Rig, RigFile, StrobeMount};
+
+use super::scan::{ChannelScan, FrameRef, Scan};
+
+/// What the user said about the log, beyond choices and rig.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// `--camera`
+    pub camera: Option<String>,
+    /// `--dvl`
+    pub dvl: Option<String>,
+    /// `--strobe-frame`
+    pub strobe_frame: Option<String>,
+}
+
+/// A log, ready to be worked on.
+pub struct Survey {
+    /// the camera's topic
+    pub camera_topic: String,
+    /// its channel ids (a topic may have several after a merge)
+    pub camera_channels: Vec<u16>,
+    /// its pictures in the order of the file
+    pub frames: Vec<FrameRef>,
+    /// the frame id of its pictures
+    pub camera_frame: String,
+    /// how its pictures are coded
+    pub container: Container,
+    /// full scale of 16-bit pictures
+    pub white_level: Option<u16>,
+    /// the range instrument's topic
+    pub dvl_topic: String,
+    /// the attitude's topic
+    pub attitude_topic: Option<String>,
+    /// pings and attitude
+    pub pings: Pings,
+    /// mounts and calibration
+    pub rig: Rig,
+    /// what was assumed or mended
+    pub remarks: Vec<String>,
+    /// what may make the result worse
+    pub warnings: Vec<String>,
+}
+
+/// Words in a TF frame's name that say it is a light.
+const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen"];
+/// A channel whose clock is this far from the camera's is not on the same clock [s].
+const CLOCK_TOLERANCE_S: f64 = 2.0;
+
+/// The TF tree of a log: edges by child.
+pub struct Mounts<'s> {
+    edges: BTreeMap<&'s str, (&'s str, &'s Edge)>,
+}
+
+impl<'s> Mounts<'s> {
+    /// The edges of `/tf_static`, the first of each child.
+    pub fn new(recording: &'s Recording, scan: &'s Scan) -> Self {
+        let mut edges = BTreeMap::new();
+        // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as it first stood.
+        for suffix in ["tf_static", "tf"] {
+            for (id, channel) in &scan.channels {
+                if edges.is_empty() || suffix == "tf_static" {
+                    let is_meant = recording.channels.get(id).is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));
+                    for edge in channel.edges.iter().filter(|_| is_meant) {
+                        edges.entry(edge.child.as_str()).or_insert((edge.parent.as_str(), edge));
+                    }
+                }
+            }
+        }
+        Self { edges }
+    }
+
+    /// Names of all frames.
+    pub fn frames(&self) -> Vec<&'s str> {
+        let mut names: Vec<&str> = self.edges.iter().flat_map(|(child, (parent, _))| [*child, *parent]).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
+    /// The root above a frame, and root_from_frame; a tree that bites its tail ends the walk.
+    fn root(&self, frame: &str) -> (String, Isometry3<f64>) {
+        let (mut at, mut pose) = (frame, Isometry3::identity());
+        for _ in 0..=self.edges.len() {
+            let Some((parent, edge)) = self.edges.get(at) else { break };
+            pose = edge.pose * pose;
+            at = parent;
+        }
+        (at.into(), pose)
+    }
+
+    fn knows(&self, frame: &str) -> bool {
+        self.edges.iter().any(|(child, (parent, _))| *child == frame || *parent == frame)
+    }
+
+    /// root_from_frame, where the frame hangs below this root.
+    fn pose_below(&self, root: &str, frame: &str) -> Option<Isometry3<f64>> {
+        let (found, pose) = self.root(frame);
+        (found == root && (self.knows(frame) || frame == root)).then_some(pose)
+    }
+}
+
+/// One line per channel: topic, type, count.
+pub fn channel_list(recording: &Recording) -> String {
+    let list: Vec<String> = recording
+        .channels
+        .values()
+        .map(|c| format!("{} ({})", c.topic, recording.schemas.get(&c.schema_id).map_or("no schema", |s| s.name.as_str())))
+        .collect();
+    if list.is_empty() { "no channels at all".into() } else { list.join(", ") }
+}
+
+/// Chooses and joins; see the module.
+///
+/// # Errors
+/// No camera, several cameras, no ranges, no calibration, no mount.
+pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig_file: &RigFile, config: &Config) -> Result<Survey> {
+    let (mut remarks, mut warnings) = (Vec::new(), Vec::new());
+    let camera_topic = choose_camera(recording, scan, selection, &mut remarks)?;
+    let camera_channels = channels_of(recording, scan, &camera_topic, |k| matches!(k, Kind::Picture(_)));
+    let of_camera: Vec<&ChannelScan> = camera_channels.iter().filter_map(|id| scan.channels.get(id)).collect();
+    let picture = of_camera.iter().find_map(|c| c.picture);
+    let camera_frame = of_camera.iter().map(|c| c.frame_id.clone()).find(|f| !f.is_empty()).unwrap_or_default();
+    let container = of_camera.iter().find_map(|c| c.container).unwrap_or(Container::Raw);
+    let white_level = config.light.white_level.or_else(|| of_camera.iter().find_map(|c| c.white_level()));
+    let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
+
+    let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
+    let dvl_id = choose_ranges(recording, scan, selection, rig_file)?;
+    let dvl_topic = topic(recording, dvl_id);
+
+    // Frames come in the order of the file: that is how both passes meet them.
+    let frames = if let [only] = camera_channels[..] {
+        scan.channels.get_mut(&only).map(|c| std::mem::take(&mut c.frames)).unwrap_or_default()
+    } else {
+        frames_in_file_order(recording, scan, &camera_channels)
+    };
+
+    let mounts = Mounts::new(recording, scan);
+    let body_from_optical: Transform<Body, Optical>;
+    let body_frame;
+    match &rig_file.camera.mount {
+        Some(mount) => {
+            body_from_optical = mount.transform().map_err(Error::Rig)?;
+            body_frame = mounts.root(&camera_frame).0;
+        }
+        None => {
+            let (root, pose) = mounts.root(&camera_frame);
+            body_from_optical = Transform::from_isometry(pose);
+            body_frame = root;
+        }
+    }
+
+    let dvl = scan.channels.get(&dvl_id);
+    let dvl_frame = dvl.map(|c| c.frame_id.clone()).unwrap_or_default();
+    let body_from_dvl = match &rig_file.dvl.mount {
+        Some(mount) => mount.transform().map_err(Error::Rig)?,
+        None => {
+            let found = dvl_mount(&mounts, &body_frame, &dvl_frame, &dvl_topic, &mut remarks);
+            Transform::from_isometry(found.ok_or_else(|| Error::NoMount {
+                what: "DVL or altimeter",
+                frame: dvl_frame.clone(),
+                camera_frame: camera_frame.clone(),
+                section: "dvl",
+            })?)
+        }
+    };
+    let strobe = strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut warnings)?;
+    let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, clock, config, &mut remarks);
+
+    let mut pings = Vec::new();
+    if let Some(channel) = scan.channels.get_mut(&dvl_id) {
+        remarks.extend(channel.remarks.iter().map(|r| format!("{dvl_topic}: {r}")));
+        let trusted = on_camera_clock(channel.clock_offset_s, clock);
+        if !trusted {
+            warnings.push(format!("{dvl_topic}: its stamps are not on the camera's clock; the log's times are used"));
+        }
+        pings = std::mem::take(&mut channel.pings)
+            .into_iter()
+            .map(|(mut ping, logged)| {
+                if !trusted {
+                    ping.stamp = shifted(logged, clock);
+                }
+                ping
+            })
+            .collect();
+    }
+    let rig = Rig { camera, body_from_optical, body_from_dvl, strobe };
+    for (id, channel) in &scan.channels {
+        if let (Some(complaint), count) = (&channel.unreadable.1, channel.unreadable.0) {
+            let topic = topic(recording, *id);
+            warnings.push(if count > 0 { format!("{topic}: {count} messages cannot be read: {complaint}") } else { format!("{topic}: {complaint}") });
+        }
+    }
+    if camera_topic.contains("rect") || ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| camera_topic.to_lowercase().contains(w)) {
+        warnings.push(format!("{camera_topic}: by its name these pictures have been processed already"));
+    }
+    let pings = Pings::new(pings, attitude);
+    Ok(Survey {
+        camera_topic,
+        camera_channels,
+        frames,
+        camera_frame,
+        container,
+        white_level,
+        dvl_topic,
+        attitude_topic,
+        pings,
+        rig,
+        remarks,
+        warnings,
+    })
+}
+
+fn topic(recording: &Recording, id: u16) -> String {
+    recording.channels.get(&id).map(|c| c.topic.clone()).unwrap_or_default()
+}
+
+fn channels_of(recording: &Recording, scan: &Scan, topic: &str, wanted: impl Fn(&Kind) -> bool) -> Vec<u16> {
+    let ids = scan.decoders.iter().filter(|(_, d)| wanted(&d.message_type.kind)).map(|(id, _)| *id);
+    ids.filter(|id| recording.channels.get(id).is_some_and(|c| c.topic == topic)).collect()
+}
+
+fn frames_in_file_order(recording: &Recording, scan: &Scan, channels: &[u16]) -> Vec<FrameRef> {
+    let mut next: BTreeMap<u16, usize> = BTreeMap::new();
+    let mut frames = Vec::new();
+    for entry in recording.messages(crate::recording::Window::ALL) {
+        if let crate::recording::Entry::Message(message) = entry
+            && channels.contains(&message.channel)
+            && let Some(channel) = scan.channels.get(&message.channel)
+        {
+            let index = next.entry(message.channel).or_default();
+            frames.extend(channel.frames.get(*index));
+            *index += 1;
+        }
+    }
+    frames
+}
+
+fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, remarks: &mut Vec<String>) -> Result<String> {
+    let mut topics: BTreeMap<String, usize> = BTreeMap::new();
+    for (id, decoder) in &scan.decoders {
+        if matches!(decoder.message_type.kind, Kind::Picture(_)) {
+            *topics.entry(topic(recording, *id)).or_default() += scan.channels.get(id).map_or(0, |c| c.frames.len());
+        }
+    }
+    let seen = if topics.is_empty() { channel_list(recording) } else { topics.keys().cloned().collect::<Vec<_>>().join(", ") };
+    if let Some(wanted) = &selection.camera {
+        return if topics.contains_key(wanted) { Ok(wanted.clone()) } else { Err(Error::NoSuchTopic { what: "camera", topic: wanted.clone(), seen }) };
+    }
+    topics.retain(|_, frames| *frames > 0);
+    let own: Vec<String> = topics.keys().filter(|t| t.contains("image_corrected") || t.starts_with("/unwater/")).cloned().collect();
+    if own.len() < topics.len() {
+        topics.retain(|t, _| !own.contains(t));
+    }
+    // The same camera twice, raw and compressed: raw has lost less.
+    let raw: Vec<String> = topics.keys().filter_map(|t| t.strip_suffix("/compressed").map(String::from)).filter(|t| topics.contains_key(t)).collect();
+    for kept in &raw {
+        topics.remove(&format!("{kept}/compressed"));
+        remarks.push(format!("{kept} is used, not {kept}/compressed"));
+    }
+    match topics.len() {
+        0 => Err(Error::NoCamera { seen: channel_list(recording) }),
+        1 => Ok(topics.into_keys().next().unwrap_or_default()),
+        found => Err(Error::SeveralCameras { found, topics: topics.into_keys().collect::<Vec<_>>().join(", ") }),
+    }
+}
+
+/// The range channel that tells most: beams before a single range before a bare altitude, and more answers before fewer.
+fn choose_ranges(recording: &Recording, scan: &Scan, selection: &Selection, rig_file: &RigFile) -> Result<u16> {
+    let candidates = scan.decoders.iter().filter_map(|(id, d)| if let Kind::Ping(rank, _) = d.message_type.kind { Some((*id, rank)) } else { None });
+    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| selection.dvl.as_ref().is_none_or(|t| *t == topic(recording, *id))).collect();
+    let score = |id: u16, rank: u8| {
+        let (plane, beam, altitude) = scan.channels.get(&id).map_or((0, 0, 0), ChannelScan::ping_counts);
+        let quality = if plane > 0 { 3 } else if beam > 0 { 2 } else { usize::from(altitude > 0) };
+        (quality, std::cmp::Reverse(rank), plane.max(beam).max(altitude), std::cmp::Reverse(id))
+    };
+    let best = candidates.iter().max_by_key(|(id, rank)| score(*id, *rank)).map(|(id, _)| *id);
+    let answered = best.filter(|id| score(*id, 0).0 > 0);
+    match (answered, best, &selection.dvl) {
+        (Some(id), ..) => Ok(id),
+        (None, Some(id), _) => {
+            let complaint = scan.channels.get(&id).and_then(|c| c.unreadable.1.clone()).filter(|_| rig_file.dvl.beams.is_none());
+            let topic = topic(recording, id);
+            Err(Error::Usage(complaint.map_or_else(
+                || format!("{topic} holds no valid range to the seafloor; another instrument can be named with --dvl TOPIC"),
+                |c| format!("{topic}: {c}"),
+            )))
+        }
+        (None, None, Some(wanted)) => Err(Error::NoSuchTopic { what: "range instrument", topic: wanted.clone(), seen: channel_list(recording) }),
+        (None, None, None) => Err(Error::NoRanges { seen: channel_list(recording) }),
+    }
+}
+
+fn calibration(
+    recording: &Recording,
+    scan: &Scan,
+    rig_file: &RigFile,
+    camera_topic: &str,
+    picture: Option<(usize, usize)>,
+    remarks: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<Camera> {
+    let from_rig = rig_file.camera.calibration(picture).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
+    let mut infos: Vec<(usize, String, Camera)> = Vec::new();
+    for (id, channel) in &scan.channels {
+        if let Some(camera) = channel.camera {
+            let topic = topic(recording, *id);
+            let shared = topic.split('/').zip(camera_topic.split('/')).take_while(|(a, b)| a == b).count();
+            infos.push((shared, topic, camera));
+        }
+    }
+    infos.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+    let fits = |camera: &Camera| picture.is_none_or(|(w, h)| camera.scaled_to(w, h).is_some());
+    let from_log = infos.iter().find(|(_, _, c)| fits(c)).map(|(_, _, c)| *c);
+    if rig_file.camera.horizontal_field_of_view_deg.is_some() && rig_file.camera.fx.is_none() && from_rig.is_some() {
+        warnings.push("the camera is known by its field of view alone: angles near the picture's edge are rough".into());
+    }
+    let camera = from_rig.or(from_log).ok_or_else(|| Error::NoCalibration { topic: camera_topic.into() })?;
+    if let Some((w, h)) = picture.filter(|(w, h)| (*w, *h) != (camera.width, camera.height)) {
+        remarks.push(format!("the calibration is for {}×{}, the pictures are {w}×{h}; it is scaled", camera.width, camera.height));
+    }
+    Ok(camera)
+}
+
+fn dvl_mount(mounts: &Mounts<'_>, body_frame: &str, dvl_frame: &str, dvl_topic: &str, remarks: &mut Vec<String>) -> Option<Isometry3<f64>> {
+    if !dvl_frame.is_empty()
+        && let Some(pose) = mounts.pose_below(body_frame, dvl_frame)
+    {
+        return Some(pose);
+    }
+    // The frame is not in the tree (`dvl_A50_report_link`, `dvl_altitude`): a frame that begins alike, or that the
+    // topic is named after, stands in for it.
+    let word = |name: &str| name.split(['_', '/']).find(|w| !w.is_empty()).unwrap_or("").to_ascii_lowercase();
+    let wanted = [word(dvl_frame), word(dvl_topic)];
+    let stand_in = mounts.frames().into_iter().find(|f| wanted.iter().any(|w| !w.is_empty() && word(f) == *w) && mounts.pose_below(body_frame, f).is_some())?;
+    remarks.push(format!("the frame {dvl_frame:?} of {dvl_topic} is not in the TF tree; {stand_in:?} stands in for it"));
+    mounts.pose_below(body_frame, stand_in)
+}
+
+fn strobe_mount(
+    mounts: &Mounts<'_>,
+    body_frame: &str,
+    selection: &Selection,
+    rig_file: &RigFile,
+    body_from_optical: Transform<Body, Optical>,
+    warnings: &mut Vec<String>,
+) -> Result<StrobeMount> {
+    if let Some(mount) = &rig_file.strobe.mount {
+        return Ok(StrobeMount { body_from_strobe: mount.transform().map_err(Error::Rig)?, source: Some("rig file".into()) });
+    }
+    let in_tf = |frame: &str| -> Option<Transform<Body, Strobe>> { mounts.pose_below(body_frame, frame).map(Transform::from_isometry) };
+    if let Some(frame) = &selection.strobe_frame {
+        let found = in_tf(frame).ok_or_else(|| Error::Usage(format!("--strobe-frame {frame}: the TF tree has {}", mounts.frames().join(", "))))?;
+        return Ok(StrobeMount { body_from_strobe: found, source: Some(frame.clone()) });
+    }
+    let is_light = |name: &str| {
+        let name = name.to_ascii_lowercase();
+        LIGHT_WORDS.iter().any(|w| name.split(|c: char| !c.is_ascii_alphabetic()).any(|part| part == *w || (w.len() > 4 && part.contains(w))))
+    };
+    let lights: Vec<&str> = mounts.frames().into_iter().filter(|f| is_light(f) && in_tf(f).is_some()).collect();
+    // `strobe_link` with `strobe_optical_frame` below it is one light, not two.
+    let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
+    match (if optical.is_empty() { &lights } else { &optical }).as_slice() {
+        [] => {
+            warnings.push("where the strobe sits is not known: the light is taken to sit at the camera, which biases attenuation; name its frame with --strobe-frame or write [strobe.mount] into a rig file".into());
+            Ok(StrobeMount { body_from_strobe: Transform::from_isometry(body_from_optical.isometry()), source: None })
+        }
+        [one] => Ok(StrobeMount { body_from_strobe: in_tf(one).unwrap_or_else(Transform::identity), source: Some((*one).into()) }),
+        several => {
+            warnings.push(format!("several lights in the TF tree ({}): the first is used; name one with --strobe-frame", several.join(", ")));
+            Ok(StrobeMount { body_from_strobe: in_tf(several[0]).unwrap_or_else(Transform::identity), source: Some(several[0].into()) })
+        }
+    }
+}
+
+fn on_camera_clock(offset: Option<f64>, camera: Option<f64>) -> bool {
+    match (offset, camera) {
+        (Some(a), Some(b)) => (a - b).abs() < CLOCK_TOLERANCE_S,
+        (Some(a), None) => a.abs() < CLOCK_TOLERANCE_S,
+        (None, Some(b)) => b.abs() < CLOCK_TOLERANCE_S,
+        (None, None) => true,
+    }
+}
+
+/// A log time moved to the camera's clock.
+fn shifted(logged: Stamp, camera: Option<f64>) -> Stamp {
+    Stamp(logged.0 + (camera.unwrap_or(0.0) * 1e9) as i64)
+}
+
+/// The attitude channel with most samples; its sensor's mount is taken out.
+fn attitude(
+    recording: &Recording,
+    scan: &Scan,
+    mounts: &Mounts<'_>,
+    body_frame: &str,
+    clock: Option<f64>,
+    config: &Config,
+    remarks: &mut Vec<String>,
+) -> (Option<String>, AttitudeTrack) {
+    let best = scan.channels.iter().filter(|(_, c)| !c.attitudes.is_empty()).max_by_key(|(id, c)| (c.attitudes.len(), std::cmp::Reverse(**id))).map(|(id, _)| *id);
+    let Some((id, channel)) = best.and_then(|id| Some((id, scan.channels.get(&id)?))) else {
+        remarks.push("the log has no attitude: hits are not turned between ping and frame, and one or two returns mean a floor square to the instrument".into());
+        return (None, AttitudeTrack::default());
+    };
+    let name = topic(recording, id);
+    let sensor_from_body = match mounts.pose_below(body_frame, &channel.frame_id) {
+        Some(pose) => pose.rotation.inverse(),
+        None => {
+            if channel.frame_id != body_frame {
+                remarks.push(format!("{name}: its frame {:?} is not in the TF tree; taken as aligned with the vehicle", channel.frame_id));
+            }
+            nalgebra::UnitQuaternion::identity()
+        }
+    };
+    let trusted = on_camera_clock(channel.clock_offset_s, clock);
+    let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (if trusted { *stamp } else { shifted(*logged, clock) }, q * sensor_from_body));
+    (Some(name), AttitudeTrack::new(samples.collect(), config.seafloor.max_attitude_gap_s))
+}
+
+/// The rig as a rig file, for `init` and for the output's attachment.
+pub fn rig_facts(rig: &Rig) -> RigFile {
+    let mut file = RigFile::default();
+    file.camera.width = Some(rig.camera.width);
+    file.camera.height = Some(rig.camera.height);
+    file.camera.fx = Some(rig.camera.fx);
+    file.camera.fy = Some(rig.camera.fy);
+    file.camera.cx = Some(rig.camera.cx);
+    file.camera.cy = Some(rig.camera.cy);
+    file.camera.distortion_model = Some(rig.camera.distortion.name().into());
+    file.camera.distortion = Some(rig.camera.distortion.coefficients());
+    file.camera.mount = Some(MountFacts::of(rig.body_from_optical));
+    file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl));
+    file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe));
+    file
+}

@@ -1,0 +1,14 @@
+//! What the robot *is* (its rig) and what its sensors *said* (frames' stamps, pings, attitudes): facts only.
+//!
+//! A wrong fact here is a wrong answer; a different choice (`config`) is only another taste. Inside this
+//! room absence is `None`: what a vendor writes for "no return" ends in `messages`.
+
+mod attitude;
+mod camera;
+mod ping;
+mod rig;
+
+pub use attitude::AttitudeTrack;
+pub use camera::{Camera, Distortion};
+pub use ping::{Beam, JanusArray, Ping};
+pub use rig::{CameraFacts, DvlFacts, MountFacts, Rig, RigFile, StrobeMount};

@@ -1,0 +1,172 @@
+//! The rig: where camera, range instrument and strobe sit on the vehicle, and how the camera sees.
+//!
+//! Facts come from the log (`/tf_static`, `camera_info`) or from a rig file, which wins. Mounts are poses
+//! in one common body space. No public recording holds a strobe's pose; without one the light is taken to
+//! sit at the camera, and the report says so.
+
+use serde::{Deserialize, Serialize};
+
+use super::Camera;
+use crate::spaces::{Body, Dvl, Optical, Point, Strobe, Transform};
+
+/// Everything geometry needs to know of the vehicle.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    /// the camera
+    pub camera: Camera,
+    /// its mount
+    pub body_from_optical: Transform<Body, Optical>,
+    /// the range instrument's mount
+    pub body_from_dvl: Transform<Body, Dvl>,
+    /// the light
+    pub strobe: StrobeMount,
+}
+
+/// Where the light sits and how that is known.
+#[derive(Clone, Debug)]
+pub struct StrobeMount {
+    /// its pose
+    pub body_from_strobe: Transform<Body, Strobe>,
+    /// the TF frame or file it was taken from; `None` where it was put at the camera for want of better
+    pub source: Option<String>,
+}
+
+impl StrobeMount {
+    /// The light's place in the body [m].
+    pub fn position(&self) -> Point<Body> {
+        self.body_from_strobe.origin()
+    }
+}
+
+/// A pose as `rig.toml` and the output's attachments write it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MountFacts {
+    /// place in the body [m]
+    pub translation_m: [f64; 3],
+    /// turn, as a quaternion x, y, z, w
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation_xyzw: Option<[f64; 4]>,
+    /// turn, as roll, pitch, yaw about the body's x, y, z [deg], applied in this order
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub roll_pitch_yaw_deg: Option<[f64; 3]>,
+}
+
+impl MountFacts {
+    /// The transform that takes sensor coordinates to body coordinates.
+    ///
+    /// # Errors
+    /// Both or neither of the two ways to give the turn.
+    pub fn transform<S>(&self) -> Result<Transform<Body, S>, String> {
+        match (self.rotation_xyzw, self.roll_pitch_yaw_deg) {
+            (Some(q), None) => Ok(Transform::from_parts(self.translation_m, q)),
+            (None, Some([roll, pitch, yaw])) => {
+                let q = nalgebra::UnitQuaternion::from_euler_angles(roll.to_radians(), pitch.to_radians(), yaw.to_radians());
+                Ok(Transform::from_parts(self.translation_m, [q.i, q.j, q.k, q.w]))
+            }
+            _ => Err("a mount needs exactly one of rotation_xyzw and roll_pitch_yaw_deg".into()),
+        }
+    }
+
+    /// The facts of a known transform.
+    pub fn of<S>(transform: Transform<Body, S>) -> Self {
+        let isometry = transform.isometry();
+        let (t, q) = (isometry.translation.vector, isometry.rotation);
+        Self { translation_m: [t.x, t.y, t.z], rotation_xyzw: Some([q.i, q.j, q.k, q.w]), roll_pitch_yaw_deg: None }
+    }
+}
+
+/// The camera's part of a rig file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraFacts {
+    /// picture size the calibration was made for [px]
+    pub width: Option<usize>,
+    /// see `width`
+    pub height: Option<usize>,
+    /// focal length [px]
+    pub fx: Option<f64>,
+    /// focal length [px]; `fx` where absent
+    pub fy: Option<f64>,
+    /// principal point [px]; the picture's centre where absent
+    pub cx: Option<f64>,
+    /// principal point [px]
+    pub cy: Option<f64>,
+    /// plumb_bob, rational_polynomial or equidistant
+    pub distortion_model: Option<String>,
+    /// its coefficients, in ROS order
+    pub distortion: Option<Vec<f64>>,
+    /// horizontal field of view in water, where nothing better is known [deg]
+    pub horizontal_field_of_view_deg: Option<f64>,
+    /// where the camera sits
+    pub mount: Option<MountFacts>,
+}
+
+/// The range instrument's part of a rig file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DvlFacts {
+    /// a known instrument's beams (`waterlinked-a50`), instead of the message's
+    pub beams: Option<String>,
+    /// angle between beams and boresight [deg], for an instrument not in the list
+    pub janus_angle_deg: Option<f64>,
+    /// azimuth of each beam in message order, from x towards y [deg]
+    pub azimuths_deg: Option<Vec<f64>>,
+    /// true speed of sound over the one the instrument was set to
+    pub sound_speed_ratio: Option<f64>,
+    /// where the instrument sits
+    pub mount: Option<MountFacts>,
+}
+
+/// The strobe's part of a rig file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StrobeFacts {
+    /// where the light sits
+    pub mount: Option<MountFacts>,
+}
+
+/// A rig file (TOML). Everything in it wins over the log.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigFile {
+    /// the camera
+    #[serde(default)]
+    pub camera: CameraFacts,
+    /// the range instrument
+    #[serde(default)]
+    pub dvl: DvlFacts,
+    /// the light
+    #[serde(default)]
+    pub strobe: StrobeFacts,
+}
+
+impl CameraFacts {
+    /// The calibration the file gives, if it gives one, for pictures of this size.
+    ///
+    /// # Errors
+    /// A sentence naming the key that is missing or wrong.
+    pub fn calibration(&self, picture: Option<(usize, usize)>) -> Result<Option<Camera>, String> {
+        use super::Distortion;
+        let size = self.width.zip(self.height).or(picture);
+        let Some((width, height)) = size else {
+            return if self.fx.is_some() { Err("camera.width and camera.height belong to camera.fx".into()) } else { Ok(None) };
+        };
+        let centre = |n: usize| (n as f64 - 1.0) / 2.0;
+        let distortion = Distortion::named(self.distortion_model.as_deref().unwrap_or("plumb_bob"), self.distortion.as_deref().unwrap_or(&[]))
+            .map_err(|model| format!("camera.distortion_model = {model:?} is not one of plumb_bob, rational_polynomial, equidistant"))?;
+        Ok(match (self.fx, self.horizontal_field_of_view_deg) {
+            (Some(fx), _) => Some(Camera {
+                width,
+                height,
+                fx,
+                fy: self.fy.unwrap_or(fx),
+                cx: self.cx.unwrap_or_else(|| centre(width)),
+                cy: self.cy.unwrap_or_else(|| centre(height)),
+                distortion,
+            }),
+            (None, Some(hfov)) => Some(Camera { distortion, ..Camera::from_field_of_view(width, height, hfov) }),
+            (None, None) => None,
+        })
+    }
+}
