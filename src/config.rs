@@ -228,7 +228,7 @@ impl Default for RenderConfig {
             white_balance: WhiteBalance::GreyWorld,
             highlight_quantile: 0.995,
             highlight_level: 0.75,
-            gain_cap: 30.0,
+            gain_cap: 8.0,
             gain_step_px: 8,
             rectify: false,
             image_format: ImageFormat::Auto,

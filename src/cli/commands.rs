@@ -131,7 +131,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
     let (model, warnings) = pipeline::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
     if !args.shared.quiet {
         complain(&warnings, &[], args.shared.verbose);
-        for why in &model.not_identified_because {
+        if let Some(why) = &model.not_identified_because {
             eprintln!("warning: attenuation is not identified: {why}");
         }
     }

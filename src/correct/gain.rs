@@ -5,7 +5,7 @@
 
 use super::{Correction, FrameFacts};
 use crate::geometry::View;
-use crate::image::LinearImage;
+use crate::image::SensorImage;
 
 /// Gains on the grid's nodes.
 pub struct GainGrid<'g> {
@@ -55,14 +55,9 @@ impl<'g> GainGrid<'g> {
         grid
     }
 
-    /// Adds what the nodes say to a frame's facts.
-    pub fn describe(&self, facts: &mut FrameFacts) {
-        *facts = FrameFacts {
-            camera_altitude_m: facts.camera_altitude_m,
-            clipped_input_share: facts.clipped_input_share,
-            clipped_output_share: facts.clipped_output_share,
-            ..self.facts
-        };
+    /// What the nodes say of the frame: path lengths and shares.
+    pub fn facts(&self) -> FrameFacts {
+        self.facts
     }
 
     /// Gain of one way of light per band, and whether the cap holds it. All bands give way together: hue stays.
@@ -74,38 +69,39 @@ impl<'g> GainGrid<'g> {
         (std::array::from_fn(|b| if b < self.bands { (removed[b] * held * rendering.gain[b]) as f32 } else { 0.0 }), held < 1.0)
     }
 
-    /// Multiplies a picture by its gains.
-    pub fn multiply(&self, image: &mut LinearImage) {
-        let (width, bands, step) = (image.width, self.bands, self.step);
+    /// Multiplies a picture by its gains; each pixel of a mosaic by that of its own band.
+    pub fn multiply(&self, image: &mut SensorImage) {
+        let mosaic = image.mosaic;
+        let (width, stored, bands, step) = (image.light.width, image.light.bands, self.bands, self.step);
         let mut line = vec![0f32; self.columns * bands];
-        for (y, pixels) in image.pixels.chunks_exact_mut(width * bands).enumerate() {
+        for (y, pixels) in image.light.pixels.chunks_exact_mut(width * stored).enumerate() {
             let top = (y / step).min(self.rows.saturating_sub(2));
-            let share = if self.rows > 1 { (y - top * step) as f32 / step as f32 } else { 0.0 };
+            let share = (y - top * step) as f32 / step as f32;
             let above = &self.gains[top * self.columns * bands..][..self.columns * bands];
             let below = &self.gains[(top + 1).min(self.rows - 1) * self.columns * bands..][..self.columns * bands];
             for ((l, a), b) in line.iter_mut().zip(above).zip(below) {
                 *l = a + (b - a) * share;
             }
-            for (column, cell) in pixels.chunks_mut(step * bands).enumerate() {
+            // Bands of the pixels of a row: all of them, or by turns where there is a mosaic.
+            let of_band = |x: usize| mosaic.map_or([0, 1, 2], |phase| [phase.band(x, y); 3]);
+            let by_turns = [of_band(0), of_band(1)];
+            for (column, cell) in pixels.chunks_mut(step * stored).enumerate() {
                 let (left, right) = (&line[column * bands..][..bands], &line[(column + 1).min(self.columns - 1) * bands..][..bands]);
+                let first = column * step;
                 if left.iter().chain(right).any(|v| v.is_nan()) {
-                    self.multiply_exactly(cell, column * step, y);
+                    for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
+                        let gain = self.view.light_path((first + x) as f64, y as f64).map_or([0.0; 3], |path| self.gain(&path).0);
+                        pixel.iter_mut().zip(of_band(first + x)).for_each(|(value, band)| *value *= gain[band]);
+                    }
                     continue;
                 }
-                for (x, pixel) in cell.chunks_exact_mut(bands).enumerate() {
+                for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
                     let share = x as f32 / step as f32;
-                    for ((value, l), r) in pixel.iter_mut().zip(left).zip(right) {
-                        *value *= l + (r - l) * share;
+                    for (value, band) in pixel.iter_mut().zip(by_turns[(first + x) % 2]) {
+                        *value *= left[band] + (right[band] - left[band]) * share;
                     }
                 }
             }
-        }
-    }
-
-    fn multiply_exactly(&self, cell: &mut [f32], first: usize, y: usize) {
-        for (x, pixel) in cell.chunks_exact_mut(self.bands).enumerate() {
-            let gain = self.view.light_path((first + x) as f64, y as f64).map_or([0.0; 3], |path| self.gain(&path).0);
-            pixel.iter_mut().zip(gain).for_each(|(value, gain)| *value *= gain);
         }
     }
 }
@@ -114,6 +110,7 @@ impl<'g> GainGrid<'g> {
 mod tests {
     use super::*;
     use crate::config::{RenderConfig, Spreading};
+    use crate::image::LinearImage;
     use crate::geometry::{SeafloorPlane, Support};
     use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
     use crate::spaces::{Direction, Transform};
@@ -152,9 +149,10 @@ mod tests {
                 strobe: StrobeMount { body_from_strobe: Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985]), source: None },
             };
             let view = View { camera: &camera, rig: &rig, plane: &plane };
-            let mut image = LinearImage::new(643, 451, 3);
-            image.pixels.fill(1.0);
+            let mut image = SensorImage { light: LinearImage::new(643, 451, 3), mosaic: None };
+            image.light.pixels.fill(1.0);
             GainGrid::new(&correction, &view, 643, 451, 3).multiply(&mut image);
+            let image = image.light;
             let (mut worst, mut off) = (0f64, 0);
             for y in (0..451).step_by(3) {
                 for x in (0..643).step_by(3) {

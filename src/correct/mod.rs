@@ -18,7 +18,7 @@ pub use rendering::{corrected_light, rendering};
 
 use crate::config::{Method, RenderConfig};
 use crate::geometry::View;
-use crate::image::LinearImage;
+use crate::image::{LinearImage, SensorImage};
 use crate::model::{ImagingModel, RenderingFile};
 use crate::vehicle::Camera;
 use gain::GainGrid;
@@ -72,26 +72,26 @@ pub struct Corrected {
 }
 
 impl Correction<'_> {
-    /// Corrects one frame. Pass a rectified view's camera as `rectified` to undo lens distortion as well.
-    pub fn apply(&self, raw: &LinearImage, view: &View<'_>, rectified: Option<&Camera>) -> Corrected {
-        let mut facts = FrameFacts { camera_altitude_m: view.camera_altitude_m(), ..FrameFacts::default() };
-        let pixels = (raw.width * raw.height) as f64;
-        let clipped = raw.pixels.chunks_exact(raw.bands).filter(|p| p.iter().any(|v| *v >= self.clipped_above)).count();
-        facts.clipped_input_share = clipped as f64 / pixels;
-        let (mut image, view) = match rectified {
-            Some(camera) => (undistorted(raw, view.camera, camera), View { camera, ..*view }),
-            None => (raw.clone(), *view),
-        };
-        let grid = GainGrid::new(self, &view, image.width, image.height, image.bands);
-        grid.describe(&mut facts);
-        if let Some(average) = self.frame_average.filter(|_| self.config.method == Method::FrameAverage) {
-            average.divide(&mut image, &self.rendering.gain);
-        } else {
-            grid.multiply(&mut image);
+    /// Corrects one frame: a mosaic first, while each pixel is one band, then all bands. With the camera of a
+    /// rectified picture, lens distortion is undone as well.
+    pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, rectified: Option<&Camera>) -> Corrected {
+        let pixels = (raw.light.width * raw.light.height) as f64;
+        let shares = |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
+        let clipped_input_share = shares(&raw.light, self.clipped_above);
+        let grid = GainGrid::new(self, view, raw.light.width, raw.light.height, raw.bands());
+        let average = self.frame_average.filter(|_| self.config.method == Method::FrameAverage);
+        if average.is_none() {
+            grid.multiply(&mut raw);
         }
-        let over = image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v > 1.0)).count();
-        facts.clipped_output_share = over as f64 / pixels;
-        Corrected { image, facts }
+        let mut image = raw.into_bands();
+        if let Some(average) = average {
+            average.divide(&mut image, &self.rendering.gain);
+        }
+        if let Some(camera) = rectified {
+            image = undistorted(&image, view.camera, camera);
+        }
+        let clipped_output_share = shares(&image, 1.0);
+        Corrected { image, facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..grid.facts() } }
     }
 
     /// Log of what is divided out of one band for one way of light, by the method (Fig. 10).

@@ -11,10 +11,16 @@ pub fn corrected_light(model: &ImagingModel, log_color: &[f32; 3], path: &LightP
     std::array::from_fn(|b| if b < model.bands { f64::from(log_color[b]) - model.log_light(path, b) } else { f64::NAN })
 }
 
+/// Samples that need more than this factor over the median correction do not vote: far water beside an oblique
+/// camera would set the exposure of the seafloor.
+const FAR_FACTOR: f64 = 3.0;
+
 /// Chooses exposure and white balance from samples (log colour and way of light).
 pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_level: Option<u16>, config: &RenderConfig) -> RenderingFile {
     let bands = model.bands;
-    let corrected: Vec<[f64; 3]> = samples.iter().map(|(color, path)| corrected_light(model, color, path)).collect();
+    let medians: Vec<f64> = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -model.log_light(path, b)), 0.5)).collect();
+    let is_near = |path: &LightPath| (0..bands).all(|b| -model.log_light(path, b) <= medians[b] + FAR_FACTOR.ln());
+    let corrected: Vec<[f64; 3]> = samples.iter().filter(|(_, path)| is_near(path)).map(|(color, path)| corrected_light(model, color, path)).collect();
     let balance: Vec<f64> = match config.white_balance {
         WhiteBalance::None => vec![1.0; bands],
         WhiteBalance::Factors(factors) => factors[..bands].to_vec(),
@@ -27,7 +33,7 @@ pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_
     let brightest = corrected.iter().map(|c| (0..bands).map(|b| c[b] + balance[b].ln()).fold(f64::NEG_INFINITY, f64::max));
     let highlight = quantile(brightest, config.highlight_quantile);
     let exposure = if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
-    let median_correction = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -model.log_light(path, b)), 0.5).exp()).map(finite_or_one).collect();
+    let median_correction = medians.iter().map(|m| finite_or_one(m.exp())).collect();
     RenderingFile { gain: balance.iter().map(|w| finite_or_one(w * exposure)).collect(), median_correction, white_level }
 }
 

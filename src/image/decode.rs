@@ -7,9 +7,9 @@ use std::io::Cursor;
 
 use image::ImageDecoder;
 
-use super::demosaic::{Phase, demosaic};
+use super::demosaic::Phase;
 use super::transfer::Transfer;
-use super::{Container, EncodedImage, LinearImage};
+use super::{Container, EncodedImage, LinearImage, SensorImage};
 
 /// How codes are to be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,7 +51,7 @@ pub fn white_level(bits_used: u16) -> u16 {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Decoded {
     /// light
-    pub image: LinearImage,
+    pub image: SensorImage,
     /// how it was coded
     pub coding: Coding,
 }
@@ -243,12 +243,8 @@ fn linear<'a>(
             }
         }
     }
-    let (pixels, bands) = match s.bayer {
-        Some(phase) => (demosaic(&pixels, width, height, phase), 3),
-        None => (pixels, bands),
-    };
     let coding = Coding { bits: 8 * s.bytes as u8, container, transfer, bits_used };
-    Ok(Decoded { image: LinearImage { width, height, bands, pixels }, coding })
+    Ok(Decoded { image: SensorImage { light: LinearImage { width, height, bands, pixels }, mosaic: s.bayer }, coding })
 }
 
 /// Whether a JPEG's frame header gives its first component finer sampling than the others.

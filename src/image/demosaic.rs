@@ -1,7 +1,9 @@
 //! Bayer mosaic → colour by Malvar, He and Cutler (ICASSP 2004, the paper's [10]).
 //!
 //! In: one linear value per pixel. Out: three. The 5×5 filters correct bilinear interpolation with the
-//! Laplacian of the band that was measured. Borders are mirrored about the edge pixel, which keeps the phase.
+//! Laplacian of the band that was measured, which is right where the bands are alike: under water red is
+//! ten times dimmer than green, and green's noise and edges would end up in it. So pass two demosaics *after* it has
+//! corrected the mosaic. Noise may go below 0, so that means stay true. Borders are mirrored about the edge pixel, which keeps the phase.
 
 /// The four phases: colours of the pixels (0,0) and (1,0), (0,1) and (1,1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +19,12 @@ pub enum Phase {
 }
 
 impl Phase {
+    /// Band (0 red, 1 green, 2 blue) of a pixel.
+    pub fn band(self, x: usize, y: usize) -> usize {
+        let (red_row, red_column) = self.red();
+        usize::from(y % 2 != red_row) + usize::from(x % 2 != red_column)
+    }
+
     /// Row and column of the red pixel.
     fn red(self) -> (usize, usize) {
         match self {
@@ -30,7 +38,7 @@ impl Phase {
 
 const MARGIN: usize = 2;
 
-/// Interpolates `mosaic` (`height × width`); negative overshoot is cut at 0. Pictures under 3×3 are not taken.
+/// Interpolates `mosaic` (`height × width`). Pictures under 3×3 are not taken.
 pub fn demosaic(mosaic: &[f32], width: usize, height: usize, phase: Phase) -> Vec<f32> {
     let mirror = |i: usize, n: usize| -> usize {
         let i = i as isize - MARGIN as isize;
@@ -69,7 +77,7 @@ pub fn demosaic(mosaic: &[f32], width: usize, height: usize, phase: Phase) -> Ve
                 let of_column = (5.0 * c + 4.0 * vertical - diagonal - far_v + 0.5 * far_h) / 8.0;
                 if in_red_row { (of_row, c, of_column) } else { (of_column, c, of_row) }
             };
-            rgb.copy_from_slice(&[r.max(0.0), g.max(0.0), b.max(0.0)]);
+            rgb.copy_from_slice(&[r, g, b]);
         }
     }
     out
@@ -84,15 +92,10 @@ mod tests {
         let (w, h) = (24, 18);
         let truth = |x: usize, y: usize| [0.2 + 0.01 * x as f32, 0.5 - 0.008 * y as f32, 0.3 + 0.004 * (x + y) as f32];
         for phase in [Phase::Rggb, Phase::Bggr, Phase::Gbrg, Phase::Grbg] {
-            let (rr, rc) = phase.red();
             let mosaic: Vec<f32> = (0..w * h)
                 .map(|i| {
                     let (x, y) = (i % w, i / w);
-                    truth(x, y)[match (y % 2 == rr, x % 2 == rc) {
-                        (true, true) => 0,
-                        (false, false) => 2,
-                        _ => 1,
-                    }]
+                    truth(x, y)[phase.band(x, y)]
                 })
                 .collect();
             let rgb = demosaic(&mosaic, w, h, phase);

@@ -5,7 +5,7 @@
 //! [`decode`](decode::decode) is the only way from one to the other.
 
 pub mod decode;
-mod demosaic;
+pub mod demosaic;
 pub mod encode;
 pub mod transfer;
 
@@ -48,6 +48,31 @@ pub enum Container {
     Png,
     /// bare pixels
     Raw,
+}
+
+/// A decoded picture: light, still one band per pixel where the sensor has a mosaic.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorImage {
+    /// light as measured: `bands` is 1 for a mosaic
+    pub light: LinearImage,
+    /// the mosaic's phase
+    pub mosaic: Option<demosaic::Phase>,
+}
+
+impl SensorImage {
+    /// Bands of the picture once it is demosaiced.
+    pub fn bands(&self) -> usize {
+        if self.mosaic.is_some() { 3 } else { self.light.bands }
+    }
+
+    /// All bands at every pixel.
+    pub fn into_bands(self) -> LinearImage {
+        let LinearImage { width, height, ref pixels, .. } = self.light;
+        match self.mosaic {
+            Some(phase) => LinearImage { width, height, bands: 3, pixels: demosaic::demosaic(pixels, width, height, phase) },
+            None => self.light,
+        }
+    }
 }
 
 /// Light, band by band: values proportional to it, 1 = the sensor's full scale.

@@ -96,7 +96,7 @@ pub fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &C
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
     let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
-    Ok(decode(&read(&value)?, light)?.image)
+    Ok(decode(&read(&value)?, light)?.image.into_bands())
 }
 
 fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<(usize, usize, Vec<(u32, u32)>)>> {

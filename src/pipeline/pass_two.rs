@@ -253,16 +253,17 @@ impl PassTwo<'_> {
                 NoSeafloor::Impossible => Reason::ImpossiblePlane,
             })?;
             plane = Some(found);
-            let camera = self.survey.rig.camera.scaled_to(picture.image.width, picture.image.height).ok_or(Reason::WrongSize)?;
-            if picture.image.bands != self.model.bands {
-                return Err(Reason::Undecodable(format!("it has {} bands, the model {}", picture.image.bands, self.model.bands)));
+            let camera = self.survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height).ok_or(Reason::WrongSize)?;
+            let (coding, bands) = (picture.coding, picture.image.bands());
+            if bands != self.model.bands {
+                return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
             }
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
-            let Corrected { image, facts } = self.correction.apply(&picture.image, &view, rectified);
+            let Corrected { image, facts } = self.correction.apply(picture.image, &view, rectified);
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }
-            let subsampled = picture.coding.container == Container::Jpeg { subsampled: true };
+            let subsampled = coding.container == Container::Jpeg { subsampled: true };
             Ok((self.encoded(&said, &image, container, subsampled, srgb).map_err(Reason::Unencodable)?, facts))
         })();
         Done { message, heading: said, plane, result }

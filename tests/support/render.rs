@@ -41,7 +41,7 @@ const STROBE_TURN_DEG: (f64, f64) = (18.0, 4.0);
 const DVL_IN_BASE: [f64; 3] = [-0.08, 0.15, -0.16];
 // The motion: speed, period of the altitude, seconds and metres of the turn.
 const SPEED_M_PER_S: f64 = 0.3;
-const SWING_PERIOD_S: f64 = 17.0;
+const SWING_PERIOD_S: f64 = 24.0;
 const TURN: (f64, f64) = (6.0, 0.6);
 // The sensors. Exposed such that the 99.8th percentile of direct light (brightest band, gain 1) is here, of full scale.
 const EXPOSED_TO: f64 = 0.85;

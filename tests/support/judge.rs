@@ -1,0 +1,113 @@
+//! Judges a corrected log against the dive it was rendered from.
+#![allow(dead_code)]
+
+use std::path::Path;
+
+use unwater::image::LinearImage;
+use unwater::image::decode::{Light, decode};
+use unwater::messages::{Decoder, Kind};
+use unwater::model::ModelFile;
+use unwater::pipeline::{Options, Silent, correct};
+use unwater::recording::{Entry, Recording, Window};
+use unwater::report::Report;
+
+use super::render::{Dive, Truth};
+
+/// Side of the blocks that pixels are averaged over, so that sensor noise does not count as error [px].
+const BLOCK: usize = 4;
+
+/// How near the truth a run came.
+#[derive(Clone, Debug)]
+pub struct Verdict {
+    /// estimate − truth [1/m]
+    pub attenuation_error_per_m: Vec<f64>,
+    /// claimed standard deviation [1/m]
+    pub attenuation_std_per_m: Vec<f64>,
+    /// RMSE of log BP where the log has seen it, level taken out
+    pub beam_log_rmse: f64,
+    /// median relative error of reflectance per band, after one gain per band for the whole log
+    pub reflectance_error: Vec<f64>,
+    /// the whole model
+    pub model: ModelFile,
+    /// the account
+    pub report: Report,
+}
+
+/// Renders, corrects (16-bit PNG) and compares.
+pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
+    let (input, output) = (folder.join("dive.mcap"), folder.join("dive.corrected.mcap"));
+    let truth = dive.write(&input);
+    let mut options = options.clone();
+    options.force = true;
+    options.config.render.depth = 16;
+    let (report, model) = correct(&input, &output, None, &options, &Silent).expect("a corrected log");
+    let pictures = pictures(&output, &report.corrected_topic);
+    (verdict(&truth, dive, &pictures, model, report), truth)
+}
+
+/// All pictures of a topic, linear, in order.
+pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
+    let recording = Recording::open(path).expect("a log");
+    let mut pictures = Vec::new();
+    for entry in recording.messages(Window::ALL) {
+        let Entry::Message(message) = entry else { continue };
+        let channel = &recording.channels[&message.channel];
+        if channel.topic == topic {
+            let schema = &recording.schemas[&channel.schema_id];
+            let decoder = Decoder::for_channel(topic, "cdr", &schema.name, &schema.encoding, &schema.data).unwrap().unwrap();
+            let value = decoder.read(message.data()).unwrap();
+            let Kind::Picture(read) = decoder.message_type.kind else { panic!("no picture") };
+            pictures.push(decode(&read(&value).unwrap(), Light::default()).unwrap().image.into_bands());
+        }
+    }
+    pictures
+}
+
+fn blocks(width: usize, height: usize, at: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+    let mut means = Vec::new();
+    for y in (0..height / BLOCK).map(|r| r * BLOCK) {
+        for x in (0..width / BLOCK).map(|c| c * BLOCK) {
+            let sum: f64 = (0..BLOCK * BLOCK).map(|k| at(x + k % BLOCK, y + k / BLOCK)).sum();
+            means.push(sum / (BLOCK * BLOCK) as f64);
+        }
+    }
+    means
+}
+
+pub fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn verdict(truth: &Truth, dive: &Dive, pictures: &[LinearImage], model: ModelFile, report: Report) -> Verdict {
+    let bands = model.attenuation_per_m.len();
+    let true_band = |band: usize| if bands == 1 { 1 } else { band };
+    assert_eq!(pictures.len(), truth.frames.len(), "one corrected picture per frame");
+    let mut reflectance_error = Vec::new();
+    for band in 0..bands {
+        let mut ratios = Vec::new();
+        for (picture, frame) in pictures.iter().zip(&truth.frames) {
+            let is = blocks(dive.width, dive.height, |x, y| f64::from(picture.at(x, y)[band]));
+            let ought = blocks(dive.width, dive.height, |x, y| f64::from(frame.reflectance[y * dive.width + x][true_band(band)]));
+            ratios.extend(is.iter().zip(&ought).filter(|(i, _)| **i < 0.999).map(|(i, o)| i / o));
+        }
+        let gain = median(&mut ratios);
+        let mut errors: Vec<f64> = ratios.iter().map(|r| (r / gain - 1.0).abs()).collect();
+        reflectance_error.push(median(&mut errors));
+    }
+    let pattern = &model.beam_pattern;
+    let mut steps = Vec::new();
+    for (row, theta) in pattern.log_gain.iter().zip(&pattern.theta_deg) {
+        for (value, phi) in row.iter().zip(&pattern.phi_deg) {
+            let ought = truth.log_beam(theta.to_radians(), phi.to_radians());
+            // Where less than a fiftieth of the peak's light goes there is nothing to see it by.
+            if let Some(value) = value.filter(|_| ought > (0.02f64).ln()) {
+                steps.push(value - ought);
+            }
+        }
+    }
+    let level = median(&mut steps.clone());
+    let beam_log_rmse = (steps.iter().map(|s| (s - level).powi(2)).sum::<f64>() / steps.len() as f64).sqrt();
+    let attenuation_error_per_m = (0..bands).map(|b| model.attenuation_per_m[b] - truth.attenuation_per_m[true_band(b)]).collect();
+    Verdict { attenuation_error_per_m, attenuation_std_per_m: model.attenuation_std_per_m.clone(), beam_log_rmse, reflectance_error, model, report }
+}

@@ -1,0 +1,5 @@
+//! What the tests share: a renderer written apart from the estimator, and a judge.
+#![allow(dead_code, clippy::unwrap_used)]
+
+pub mod judge;
+pub mod render;
