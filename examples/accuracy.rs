@@ -1,6 +1,6 @@
 //! How near the truth the estimators come, over many rendered dives: the table of `docs/accuracy.md`.
 //!
-//!     cargo run --release --example accuracy -- [SEEDS]
+//!     cargo run --release --example accuracy -- [SEEDS [SETTINGS.toml [CASE]]]
 #[path = "../tests/support/mod.rs"]
 mod support;
 
@@ -12,18 +12,23 @@ use unwater::pipeline::Options;
 fn main() {
     let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(8);
     let plain = |seed| Dive { seed, frames: 40, ..Dive::default() };
-    let mut pairs = Options::default();
+    let mut joint = Options::default();
+    if let Some(path) = std::env::args().nth(2) {
+        joint.config = unwater::config::Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings");
+    }
+    let wanted = std::env::args().nth(3).unwrap_or_default();
+    let mut pairs = joint.clone();
     pairs.config.estimate.estimator = Estimator::Pairs;
     let cases: Vec<(&str, Box<dyn Fn(u64) -> Dive>, Options)> = vec![
-        ("bayer16, clear", Box::new(plain), Options::default()),
+        ("bayer16, clear", Box::new(plain), joint.clone()),
         ("bayer16, clear, pairs", Box::new(plain), pairs),
-        ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), Options::default()),
-        ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), Options::default()),
+        ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), joint.clone()),
+        ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), joint.clone()),
     ];
     println!("{:<26} {:>24} {:>24} {:>8} {:>21} {:>7}", "case", "mean error of alpha", "worst error of alpha", "beam", "reflectance error", "in 95 %");
     let folder = std::env::temp_dir().join(format!("unwater-accuracy-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    for (name, dive, options) in cases {
+    for (name, dive, options) in cases.into_iter().filter(|c| c.0.starts_with(&wanted)) {
         let verdicts: Vec<Verdict> = (1..=seeds).map(|seed| run(&dive(seed), &options, &folder).0).collect();
         let n = verdicts.len() as f64;
         let mean = |f: &dyn Fn(&Verdict) -> f64| verdicts.iter().map(f).sum::<f64>() / n;

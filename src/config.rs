@@ -50,7 +50,7 @@ pub struct SeafloorConfig {
 
 impl Default for SeafloorConfig {
     fn default() -> Self {
-        Self { pings_each_side: 3, ping_window_s: 1.5, max_ping_gap_s: 1.0, max_attitude_gap_s: 0.5, least_altitude_m: 0.2 }
+        Self { pings_each_side: 8, ping_window_s: 1.25, max_ping_gap_s: 1.0, max_attitude_gap_s: 0.5, least_altitude_m: 0.2 }
     }
 }
 
@@ -288,8 +288,8 @@ macro_rules! settings {
 pub const SETTINGS: &[Setting] = settings![
     "light.transfer", "auto | linear | srgb | gamma:G", "auto: JPEG, PNG-8 and 8-bit rgb/bgr/mono are sRGB-coded; bayer and 16 bit are linear";
     "light.white_level", "code", "full scale of 16-bit pictures; found from the largest code of the log where not given";
-    "seafloor.pings_each_side", "pings", "six pings around a frame: findings of the joint reference";
-    "seafloor.ping_window_s", "s", "a ping farther off says little of the floor below the frame";
+    "seafloor.pings_each_side", "pings", "more pings within the window mean less noise; a DVL gives 2 to 15 a second";
+    "seafloor.ping_window_s", "s", "a height that curves in time is followed over this long; a ping farther off says little of the floor below the frame";
     "seafloor.max_ping_gap_s", "s", "a frame farther from any ping is not corrected";
     "seafloor.max_attitude_gap_s", "s", "attitude is not carried over a longer gap";
     "seafloor.least_altitude_m", "m", "a plane nearer to the lens is a fish or a fault";

@@ -6,7 +6,7 @@
 //! pixels of the full picture. Sums run in a fixed order, so results do not depend on threads.
 
 use crate::config::MatchingConfig;
-use crate::image::LinearImage;
+use crate::image::SensorImage;
 
 /// 4 × 4 cells of 8 gradient directions, as small integers whose dot products are exact.
 pub type Descriptor = [i16; 128];
@@ -46,8 +46,9 @@ impl Plane {
 }
 
 /// Finds at most `config.keypoints_per_frame` keypoints, strongest first, spread over the picture.
-pub fn keypoints(image: &LinearImage, config: &MatchingConfig) -> Vec<Keypoint> {
+pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> {
     let (base, reduction) = log_light(image, config.detection_side_px);
+    let shift = if image.mosaic.is_some() { 0.5 } else { 0.0 };
     let mut octave = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt());
     let mut found = Vec::new();
     let mut halvings = 1.0; // pixels of the reduced picture per pixel of this octave
@@ -66,7 +67,7 @@ pub fn keypoints(image: &LinearImage, config: &MatchingConfig) -> Vec<Keypoint> 
         extrema(&differences, &levels, config.contrast_threshold as f32, &mut found);
         for k in &mut found[first..] {
             // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0 becomes its centre).
-            let full = |c: f64| (c * halvings + 0.5) * reduction as f64 - 0.5;
+            let full = |c: f64| (c * halvings + 0.5) * reduction as f64 - 0.5 + shift;
             (k.u, k.v) = (full(k.u), full(k.v));
         }
         octave = halved(&levels[SCALES]);
@@ -76,16 +77,20 @@ pub fn keypoints(image: &LinearImage, config: &MatchingConfig) -> Vec<Keypoint> 
 }
 
 /// Mean of the bands, reduced by an integer factor to `side` at most, in logarithm.
-fn log_light(image: &LinearImage, side: usize) -> (Plane, usize) {
-    let factor = image.width.max(image.height).div_ceil(side).max(1);
-    let (width, height) = (image.width / factor, image.height / factor);
+fn log_light(image: &SensorImage, side: usize) -> (Plane, usize) {
+    let light = &image.light;
+    let factor = light.width.max(light.height).div_ceil(side).max(1);
+    let (width, height) = (light.width / factor, light.height / factor);
     let mut data = vec![0f32; width * height];
-    let scale = 1.0 / (factor * factor * image.bands) as f32;
+    // Of a mosaic, every 2×2 window holds one red, two green, one blue: blocks reach one pixel further there.
+    let reach = factor + usize::from(image.mosaic.is_some());
+    let scale = 1.0 / (reach * reach * light.bands) as f32;
     for (y, row) in data.chunks_exact_mut(width).enumerate() {
-        for dy in 0..factor {
-            let source = &image.pixels[(y * factor + dy) * image.width * image.bands..];
-            for (out, block) in row.iter_mut().zip(source.chunks_exact(factor * image.bands)) {
-                *out += block.iter().sum::<f32>();
+        for dy in 0..reach {
+            let line = &light.pixels[(y * factor + dy).min(light.height - 1) * light.width * light.bands..][..light.width * light.bands];
+            for (x, out) in row.iter_mut().enumerate() {
+                let first = x * factor * light.bands;
+                *out += line[first..(first + reach * light.bands).min(line.len())].iter().sum::<f32>();
             }
         }
         for out in row {
@@ -265,13 +270,13 @@ fn descriptor(level: &Plane, u: f32, v: f32, sigma: f32, angle: f32) -> Descript
 }
 
 /// The strongest keypoints of each cell first, then the strongest of all, up to `most`.
-fn spread(mut found: Vec<Keypoint>, image: &LinearImage, most: usize) -> Vec<Keypoint> {
+fn spread(mut found: Vec<Keypoint>, image: &SensorImage, most: usize) -> Vec<Keypoint> {
     found.sort_by(|a, b| b.response.total_cmp(&a.response).then(a.v.total_cmp(&b.v)).then(a.u.total_cmp(&b.u)));
     let quota = most.div_ceil(CELLS.0 * CELLS.1);
     let mut filled = vec![0usize; CELLS.0 * CELLS.1];
     let cell = |k: &Keypoint| {
         let index = |c: f64, n: usize, cells: usize| ((c.max(0.0) / n as f64 * cells as f64) as usize).min(cells - 1);
-        index(k.v, image.height, CELLS.1) * CELLS.0 + index(k.u, image.width, CELLS.0)
+        index(k.v, image.light.height, CELLS.1) * CELLS.0 + index(k.u, image.light.width, CELLS.0)
     };
     let (mut kept, rest): (Vec<_>, Vec<_>) = found.into_iter().partition(|k| {
         let count = &mut filled[cell(k)];
@@ -287,9 +292,10 @@ fn spread(mut found: Vec<Keypoint>, image: &LinearImage, most: usize) -> Vec<Key
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::LinearImage;
 
     /// Blobs at known places, seen by a camera that is turned, shifted and dimmed.
-    fn picture(turn: f64, shift: (f64, f64), gain: f32) -> LinearImage {
+    fn picture(turn: f64, shift: (f64, f64), gain: f32) -> SensorImage {
         let mut image = LinearImage::new(320, 240, 3);
         let (sin, cos) = turn.sin_cos();
         for y in 0..240 {
@@ -305,7 +311,7 @@ mod tests {
                 image.pixels[(y * 320 + x) * 3..][..3].fill(gain * light as f32);
             }
         }
-        image
+        SensorImage { light: image, mosaic: None }
     }
 
     #[test]

@@ -4,13 +4,16 @@
 //! of a point: pooled over the same number of pixels instead, the farther view averages more seafloor, and the
 //! log of a mean is not the mean of logs (−0.02 per metre in α). So each keypoint is pooled over a ladder of
 //! footprints, fixed in metres, and views that meet later agree on a rung. Then the logarithm. Patches with
-//! clipped pixels, near black, or reaching over the edge give none.
+//! clipped pixels, near black, or reaching over the edge give none. A mosaic is pooled as it is, each band over its
+//! own pixels: demosaicing lets green's curvature leak into dim red, and keypoints are where curvature is greatest.
 //!
 //! A sample keeps what does not depend on where the strobe is; the light path is derived when asked.
 
+use std::ops::Range;
+
 use crate::config::{EstimateConfig, MatchingConfig};
 use crate::geometry::{LightPath, View, light_path};
-use crate::image::LinearImage;
+use crate::image::SensorImage;
 use crate::spaces::{Body, Direction, Point, Strobe, Transform};
 
 use super::keypoints::{Keypoint, keypoints};
@@ -78,24 +81,20 @@ fn footprint_m(rung: i32) -> f64 {
 }
 
 /// Takes the samples of one frame.
-pub fn samples(frame: usize, image: &LinearImage, view: &View<'_>, with_keypoints: bool, matching: &MatchingConfig, config: &EstimateConfig) -> FrameSamples {
+pub fn samples(frame: usize, image: &SensorImage, view: &View<'_>, with_keypoints: bool, matching: &MatchingConfig, config: &EstimateConfig) -> FrameSamples {
     let mut taken = FrameSamples {
         frame,
         normal: view.plane.normal,
         camera_altitude_m: view.camera_altitude_m(),
-        bands: image.bands,
+        bands: image.bands(),
         keypoints: Vec::new(),
         places: Vec::new(),
         sights: Vec::new(),
         grid: grid(image, view, config),
         mean_light: [0.0; 3],
     };
-    let count = (image.width * image.height) as f64;
-    for pixel in image.pixels.chunks_exact(image.bands) {
-        for (mean, value) in taken.mean_light.iter_mut().zip(pixel) {
-            *mean += f64::from(*value) / count;
-        }
-    }
+    let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);
+    taken.mean_light = whole.mean.map(f64::from);
     if !with_keypoints {
         return taken;
     }
@@ -120,58 +119,78 @@ impl KeypointSight {
     }
 }
 
-/// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near black.
-fn pooled(image: &LinearImage, u: f64, v: f64, sigma_px: f64, config: &EstimateConfig) -> [f32; 3] {
-    let radius = (PATCH_SIGMAS * sigma_px).ceil() as isize;
-    let (x, y) = (u.round() as isize, v.round() as isize);
-    let none = [f32::NAN; 3];
-    if x < radius || y < radius || x + radius >= image.width as isize || y + radius >= image.height as isize {
-        return none;
-    }
-    let falloff = |centre: f64, c: isize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
-    let columns: Vec<f32> = (x - radius..=x + radius).map(|c| falloff(u, c)).collect();
-    let (mut sum, mut weights, mut largest) = ([0f32; 3], 0f32, 0f32);
-    for row in y - radius..=y + radius {
-        let weight = falloff(v, row);
-        let start = (row as usize * image.width + (x - radius) as usize) * image.bands;
-        let pixels = image.pixels[start..start + columns.len() * image.bands].chunks_exact(image.bands);
-        for (pixel, column) in pixels.zip(&columns) {
-            let w = weight * column;
-            weights += w;
-            for (s, value) in sum.iter_mut().zip(pixel) {
-                *s += w * value;
-                largest = largest.max(*value);
+/// Light over a part of a picture.
+struct Pool {
+    /// weighted mean per band; NaN for a band without a pixel
+    mean: [f32; 3],
+    /// largest value of any band
+    largest: f32,
+}
+
+/// Pools linear light with separable weights.
+fn pool(image: &SensorImage, columns: Range<usize>, rows: Range<usize>, across: impl Fn(usize) -> f32, down: impl Fn(usize) -> f32) -> Pool {
+    let light = &image.light;
+    let across: Vec<f32> = columns.clone().map(across).collect();
+    let (mut sum, mut weights, mut largest) = ([0f64; 3], [0f64; 3], 0f32);
+    for y in rows {
+        let start = (y * light.width + columns.start) * light.bands;
+        let pixels = light.pixels[start..start + across.len() * light.bands].chunks_exact(light.bands);
+        // A row is summed in single precision, rows in double: a whole picture keeps its digits.
+        let (mut of_row, mut of_weights) = ([0f32; 3], [0f32; 3]);
+        match image.mosaic {
+            Some(phase) => {
+                for ((x, pixel), w) in columns.clone().zip(pixels).zip(&across) {
+                    let band = phase.band(x, y);
+                    of_row[band] += w * pixel[0];
+                    of_weights[band] += w;
+                    largest = largest.max(pixel[0]);
+                }
             }
-        }
-    }
-    if f64::from(largest) >= config.clipped_above {
-        return none;
-    }
-    logs(sum.map(|s| s / weights), image.bands, config)
-}
-
-fn logs(mean: [f32; 3], bands: usize, config: &EstimateConfig) -> [f32; 3] {
-    std::array::from_fn(|b| if b < bands && f64::from(mean[b]) >= config.dark_below { mean[b].ln() } else { f32::NAN })
-}
-
-fn grid(image: &LinearImage, view: &View<'_>, config: &EstimateConfig) -> Vec<(u32, Sight)> {
-    let step = config.grid_step_px;
-    let (columns, rows) = (image.width / step, image.height / step);
-    let mut sights = Vec::with_capacity(columns * rows);
-    for row in 0..rows {
-        for column in 0..columns {
-            let (mut sum, mut largest) = ([0f32; 3], 0f32);
-            for y in row * step..(row + 1) * step {
-                let start = (y * image.width + column * step) * image.bands;
-                for pixel in image.pixels[start..start + step * image.bands].chunks_exact(image.bands) {
-                    for (s, value) in sum.iter_mut().zip(pixel) {
-                        *s += value;
+            None => {
+                for (pixel, w) in pixels.zip(&across) {
+                    for (s, value) in of_row.iter_mut().zip(pixel) {
+                        *s += w * value;
                         largest = largest.max(*value);
                     }
                 }
+                of_weights = [across.iter().sum(); 3];
             }
-            let log_color = logs(sum.map(|s| s / (step * step) as f32), image.bands, config);
-            if f64::from(largest) >= config.clipped_above || log_color[..image.bands].iter().any(|v| v.is_nan()) {
+        }
+        let weight = f64::from(down(y));
+        for b in 0..3 {
+            sum[b] += weight * f64::from(of_row[b]);
+            weights[b] += weight * f64::from(of_weights[b]);
+        }
+    }
+    Pool { mean: std::array::from_fn(|b| (sum[b] / weights[b]) as f32), largest }
+}
+
+/// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near black.
+fn pooled(image: &SensorImage, u: f64, v: f64, sigma_px: f64, config: &EstimateConfig) -> [f32; 3] {
+    let radius = (PATCH_SIGMAS * sigma_px).ceil() as isize;
+    let (x, y) = (u.round() as isize, v.round() as isize);
+    if x < radius || y < radius || x + radius >= image.light.width as isize || y + radius >= image.light.height as isize {
+        return [f32::NAN; 3];
+    }
+    let span = |c: isize| (c - radius) as usize..(c + radius + 1) as usize;
+    let falloff = |centre: f64| move |c: usize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
+    log_color(pool(image, span(x), span(y), falloff(u), falloff(v)), image.bands(), config)
+}
+
+fn log_color(pool: Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {
+    let usable = f64::from(pool.largest) < config.clipped_above;
+    std::array::from_fn(|b| if b < bands && usable && f64::from(pool.mean[b]) >= config.dark_below { pool.mean[b].ln() } else { f32::NAN })
+}
+
+fn grid(image: &SensorImage, view: &View<'_>, config: &EstimateConfig) -> Vec<(u32, Sight)> {
+    let step = config.grid_step_px;
+    let (columns, rows, bands) = (image.light.width / step, image.light.height / step, image.bands());
+    let mut sights = Vec::with_capacity(columns * rows);
+    for row in 0..rows {
+        for column in 0..columns {
+            let span = |c: usize| c * step..(c + 1) * step;
+            let log_color = log_color(pool(image, span(column), span(row), |_| 1.0, |_| 1.0), bands, config);
+            if log_color[..bands].iter().any(|v| v.is_nan()) {
                 continue;
             }
             let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;

@@ -7,7 +7,8 @@
 //! ```
 //!
 //! Pings and frames are not simultaneous: a robot that pitches 2°/s between them has a tilted plane, so
-//! hits are turned by the attitude where there is one, and the plane's height may change linearly in time.
+//! hits are turned by the attitude where there is one, and the plane's height may change and curve in time
+//! (without the curve, α is off by +0.002 per metre where a robot swings up and down in 24 s).
 //! Where there is no attitude the slopes may, too. Normal equations in centred coordinates: as good as SVD on
 //! the symmetric four-beam layout, and steadier. In: pings, attitude, mounts. Out: n·x = d in body space [m].
 
@@ -214,6 +215,7 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
     let columns: &[fn(&[f64; 4]) -> f64] = match (times.len(), turned) {
         (1, _) => &[|_| 1.0, |p| p[0], |p| p[1]],
         _ if !straddled => &[|_| 1.0, |p| p[0], |p| p[1]],
+        (5.., true) if hits.len() >= 12 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3], |p| p[3] * p[3]],
         (2.., true) if hits.len() >= 5 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3]],
         (3.., false) if hits.len() >= 10 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3], |p| p[0] * p[3], |p| p[1] * p[3]],
         (2.., false) if hits.len() >= 6 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3]],

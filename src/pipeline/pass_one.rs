@@ -8,6 +8,7 @@ use crate::correct::FrameAverage;
 use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, matches, samples};
 use crate::geometry::View;
+use crate::image::SensorImage;
 use crate::image::decode::{Light, decode};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Entry, Message, Recording, Window};
@@ -66,12 +67,12 @@ pub fn collect(recording: &Recording, scan: &Scan, survey: &Survey, window: Wind
     let work = |(index, message): (usize, Message)| {
         let decoder = scan.decoders.get(&message.channel)?;
         let image = decoded(decoder, &message, survey, config).ok()?;
-        let camera = survey.rig.camera.scaled_to(image.width, image.height)?;
+        let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane };
         let taken = samples(index, &image, &view, with_keypoints, &config.matching, &config.estimate);
-        Some((taken, wants_average.then_some(image)))
+        Some((taken, wants_average.then(|| image.into_bands())))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
     ordered_map(items, 2 * threads.count(), |_| 1, threads, work, |result| -> Result<()> {
@@ -92,11 +93,11 @@ pub fn collect(recording: &Recording, scan: &Scan, survey: &Survey, window: Wind
 }
 
 /// Decodes a camera's message into linear light.
-pub fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<crate::image::LinearImage, String> {
+fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<SensorImage, String> {
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
     let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
-    Ok(decode(&read(&value)?, light)?.image.into_bands())
+    Ok(decode(&read(&value)?, light)?.image)
 }
 
 fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<(usize, usize, Vec<(u32, u32)>)>> {
