@@ -165,8 +165,8 @@ fn inspect(args: &Inspect) -> Result<Ended> {
     let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
     let (recording, mut scan) = match pipeline::open(&args.input, &options) {
         Err(Error::Empty { .. }) if options.window.is_none() => {
-            let mut recording = Recording::open(&args.input)?;
-            let scan = pipeline::scan::scan(&mut recording, crate::recording::Window::ALL, &options.rig.dvl);
+            let recording = Recording::open(&args.input)?;
+            let scan = pipeline::scan::scan(&recording, crate::recording::Window::ALL, &options.rig.dvl);
             (recording, scan)
         }
         other => other?,

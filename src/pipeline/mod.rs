@@ -96,8 +96,8 @@ pub struct Prepared {
 /// # Errors
 /// It cannot be read, or holds nothing.
 pub fn open(path: &Path, options: &Options) -> Result<(Recording, Scan)> {
-    let mut recording = Recording::open(path)?;
-    let scan = scan(&mut recording, options.window(), &options.rig.dvl);
+    let recording = Recording::open(path)?;
+    let scan = scan(&recording, options.window(), &options.rig.dvl);
     if scan.messages == 0 {
         let detail = match (scan.damage.len(), options.window) {
             (_, Some(_)) => " in the stretch that -S and -E leave".into(),

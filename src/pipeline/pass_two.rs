@@ -123,14 +123,13 @@ impl PassTwo<'_> {
 
         progress.begin(Step::Correct, self.survey.frames.len());
         let mut next_frame = 0;
-        let items = self.recording.messages(self.window).filter_map(|entry| match entry {
+        let items = self.recording.messages(self.window).map(|entry| match entry {
             Entry::Message(m) if self.survey.camera_channels.contains(&m.channel) => {
                 next_frame += 1;
-                Some(Item::Frame(next_frame - 1, m))
+                Item::Frame(next_frame - 1, m)
             }
-            Entry::Message(m) => Some(Item::Other(m)),
-            Entry::Damaged(_) => Some(Item::Damaged),
-            Entry::Declared(_) => None,
+            Entry::Message(m) => Item::Other(m),
+            Entry::Damaged(_) => Item::Damaged, // the scan has listed it
         });
         let frame_weight = BATCH_BYTES / (2 * threads.count());
         let weigh = |item: &Item| match item {

@@ -86,14 +86,8 @@ fn is_probed(index: usize) -> bool {
 }
 
 /// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window.
-pub fn scan(recording: &mut Recording, window: Window, dvl: &DvlFacts) -> Scan {
+pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
     let mut scan = Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0 };
-    let mut declared = Vec::new();
-    // Channels that stand only inside chunks (a log without a summary) are learned first: they may follow their messages.
-    if !recording.is_complete || recording.channels.is_empty() {
-        declared.extend(recording.messages(Window::ALL).filter_map(|e| if let Entry::Declared(d) = e { Some(d) } else { None }));
-        recording.learn(declared);
-    }
     for (id, channel) in &recording.channels {
         let mut of_channel = ChannelScan::default();
         match decoder(recording, channel) {
@@ -109,7 +103,6 @@ pub fn scan(recording: &mut Recording, window: Window, dvl: &DvlFacts) -> Scan {
         match entry {
             Entry::Message(message) => scan.take(&message, window, dvl),
             Entry::Damaged(damage) => scan.damage.push(damage),
-            Entry::Declared(_) => {}
         }
     }
     scan.damage.sort();

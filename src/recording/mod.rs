@@ -10,5 +10,5 @@
 mod read;
 mod write;
 
-pub use read::{Channel, Damage, Declaration, Entry, Message, Recording, Schema, Window};
+pub use read::{Channel, Damage, Entry, Message, Recording, Schema, Window};
 pub use write::{NewChannel, Output, ensure_distinct, remove_unfinished};

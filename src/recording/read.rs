@@ -187,6 +187,11 @@ impl Recording {
             is_complete: false,
         };
         recording.index();
+        // Without a summary, or with one that repeats no channels, they stand only inside chunks.
+        if !recording.is_complete || recording.channels.is_empty() {
+            let inside: Vec<Record<'static>> = recording.blocks.iter().flat_map(|b| recording.entries(b, Window::ALL).1).collect();
+            inside.into_iter().for_each(|r| recording.declare(r));
+        }
         Ok(recording)
     }
 
@@ -278,30 +283,30 @@ impl Recording {
     }
 
     /// Messages whose log time lies in the window, in the order of the file, with what could not be read.
-    /// Also finds schemas and channels that stand only inside chunks: they come as [`Entry::Declared`].
     pub fn messages(&self, window: Window) -> impl Iterator<Item = Entry> + '_ {
-        self.blocks.iter().flat_map(move |block| self.entries(block, window))
+        self.blocks.iter().flat_map(move |block| self.entries(block, window).0)
     }
 
-    fn entries(&self, block: &Block, window: Window) -> Vec<Entry> {
+    /// What a block holds: messages and damage, and the schemas and channels that stand inside it.
+    fn entries(&self, block: &Block, window: Window) -> (Vec<Entry>, Vec<Record<'static>>) {
         match block {
             Block::Message { body } => {
                 let message = message(Buffer::Map(Arc::clone(&self.map)), body.clone());
-                message.into_iter().filter(|m| window.holds(m.log_time)).map(Entry::Message).collect()
+                (message.into_iter().filter(|m| window.holds(m.log_time)).map(Entry::Message).collect(), Vec::new())
             }
             Block::Chunk { body, whole, start, end } => {
                 let outside = *whole && *end >= *start && *end > 0 && (*end < window.start || (*start >= window.end && window.end != u64::MAX));
                 if outside {
-                    return Vec::new();
+                    return Default::default();
                 }
                 self.chunk_entries(body, *whole, window)
             }
         }
     }
 
-    fn chunk_entries(&self, body: &Range<usize>, whole: bool, window: Window) -> Vec<Entry> {
+    fn chunk_entries(&self, body: &Range<usize>, whole: bool, window: Window) -> (Vec<Entry>, Vec<Record<'static>>) {
         let bytes = &self.map[body.clone()];
-        let Some(head) = chunk_head(bytes) else { return Vec::new() };
+        let Some(head) = chunk_head(bytes) else { return Default::default() };
         let damage = |reason: String| Entry::Damaged(Damage { offset: body.start as u64, start_ns: head.start, end_ns: head.end, reason });
         let (buffer, first, end, problem) = match decompressed(&head, bytes) {
             Ok((None, problem)) => (Buffer::Map(Arc::clone(&self.map)), body.start + head.data.start, body.start + head.data.end, problem),
@@ -309,15 +314,15 @@ impl Recording {
                 let end = data.len();
                 (Buffer::Chunk(Arc::new(data)), 0, end, problem)
             }
-            Err(reason) => return vec![damage(reason)],
+            Err(reason) => return (vec![damage(reason)], Vec::new()),
         };
         let data = &buffer.bytes()[first..end];
         // The tail of a file that was cut short cannot be checked; a whole chunk with a checksum can, and must hold it.
         if whole && head.crc != 0 && (problem.is_some() || crc32fast::hash(data) != head.crc) {
             let reason = problem.map_or_else(|| "its checksum does not hold".into(), |p| format!("its checksum cannot hold: {p}"));
-            return vec![damage(format!("a damaged chunk is left out: {reason}"))];
+            return (vec![damage(format!("a damaged chunk is left out: {reason}"))], Vec::new());
         }
-        let mut entries = Vec::new();
+        let (mut entries, mut declared) = (Vec::new(), Vec::new());
         let mut at = first;
         let mut cut = None;
         while at < end {
@@ -332,7 +337,7 @@ impl Recording {
                 op::MESSAGE => entries.extend(message(buffer.clone(), at + RECORD_HEAD..stop).filter(|m| window.holds(m.log_time)).map(Entry::Message)),
                 opcode @ (op::SCHEMA | op::CHANNEL) => {
                     if let Ok(record) = mcap::parse_record(opcode, &buffer.bytes()[at + RECORD_HEAD..stop]) {
-                        entries.extend(declared(record));
+                        declared.push(record.into_owned());
                     }
                 }
                 _ => {}
@@ -343,21 +348,7 @@ impl Recording {
         if whole && let Some(reason) = problem.or(cut.map(String::from)) {
             entries.push(damage(reason));
         }
-        entries
-    }
-
-    /// Takes in what [`Entry::Declared`] brought.
-    pub fn learn(&mut self, declared: Vec<Declaration>) {
-        for declaration in declared {
-            match declaration {
-                Declaration::Schema(id, schema) => {
-                    self.schemas.entry(id).or_insert(schema);
-                }
-                Declaration::Channel(id, channel) => {
-                    self.channels.entry(id).or_insert(channel);
-                }
-            }
-        }
+        (entries, declared)
     }
 
     /// The attachments, and what could not be read of them.
@@ -391,31 +382,8 @@ fn attachment_fits(body: &[u8]) -> bool {
 pub enum Entry {
     /// a message
     Message(Message),
-    /// a schema or channel that stands inside a chunk
-    Declared(Declaration),
     /// a stretch that cannot be read
     Damaged(Damage),
-}
-
-/// A schema or channel and its id.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Declaration {
-    /// a schema
-    Schema(u16, Schema),
-    /// a channel
-    Channel(u16, Channel),
-}
-
-fn declared(record: Record<'_>) -> Option<Entry> {
-    Some(Entry::Declared(match record {
-        Record::Schema { header, data } if header.id != 0 => {
-            Declaration::Schema(header.id, Schema { name: header.name, encoding: header.encoding, data: data.into_owned() })
-        }
-        Record::Channel(c) => {
-            Declaration::Channel(c.id, Channel { schema_id: c.schema_id, topic: c.topic, message_encoding: c.message_encoding, metadata: c.metadata })
-        }
-        _ => return None,
-    }))
 }
 
 fn message(buffer: Buffer, body: Range<usize>) -> Option<Message> {

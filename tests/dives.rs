@@ -1,0 +1,86 @@
+//! Runs on dives that are too large or not free to be in the tree: named by the variable `UNWATER_DATA`. Without it
+//! they are reported as ignored, never as passed.
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use libtest_mimic::{Arguments, Failed, Trial};
+use unwater::model::ModelFile;
+use unwater::pipeline::{Options, Silent, correct};
+use unwater::recording::{Entry, Recording, Window};
+use unwater::report::Report;
+
+fn run(input: &Path, options: &Options) -> Result<(tempfile::TempDir, PathBuf, Report, ModelFile), Failed> {
+    let folder = tempfile::tempdir()?;
+    let out = folder.path().join("out.mcap");
+    let (report, model) = correct(input, &out, None, options, &Silent)?;
+    Ok((folder, out, report, model))
+}
+
+fn ensure(holds: bool, sentence: impl Into<String>) -> Result<(), Failed> {
+    if holds { Ok(()) } else { Err(Failed::from(sentence.into())) }
+}
+
+fn rendered_a(data: &Path) -> Result<(), Failed> {
+    let (_folder, _, report, model) = run(&data.join("rendered/A/A_clear_flat_raw16.mcap"), &Options::default())?;
+    ensure(report.corrected == 48, format!("{} of 48 corrected", report.corrected))?;
+    let a = &model.attenuation_per_m;
+    for (is, ought) in a.iter().zip([0.45, 0.14, 0.10]) {
+        ensure((is - ought).abs() < 0.01, format!("attenuation {a:?}"))?;
+    }
+    ensure((a[0] - a[1] - 0.31).abs() < 0.005 && (a[1] - a[2] - 0.04).abs() < 0.005, format!("differences of {a:?}"))
+}
+
+fn finishes(data: &Path, log: &str, frames: usize) -> Result<(), Failed> {
+    let (_folder, out, report, model) = run(&data.join(log), &Options::default())?;
+    ensure(report.frames == frames && report.corrected + report.uncorrected.values().sum::<usize>() == frames, format!("{report:?}"))?;
+    let physical = model.attenuation_per_m.iter().all(|a| *a > 0.0);
+    ensure(physical || !model.identified, "an attenuation below 0 is not to be called identified")?;
+    let recording = Recording::open(&out)?;
+    ensure(recording.is_complete, "the output is whole")
+}
+
+/// Every file of the corpus opens without a panic, and what is read is what a second reader counts.
+fn corpus(data: &Path) -> Result<(), Failed> {
+    let page = std::fs::read_to_string(data.join("mcap_corpus/SOURCE.md"))?;
+    let mut checked = 0;
+    for line in page.lines().filter(|l| l.contains(".mcap |")) {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let path = data.join("mcap_corpus").join(cells[1]);
+        let counted: Option<u64> = cells[6].parse().ok();
+        let recording = Recording::open(&path).map_err(|e| Failed::from(format!("{}: {e}", cells[1])))?;
+        let messages = recording.messages(Window::ALL).filter(|e| matches!(e, Entry::Message(_))).count() as u64;
+        if let Some(counted) = counted {
+            ensure(messages == counted && recording.is_complete, format!("{}: {messages} messages, not {counted}", cells[1]))?;
+        }
+        checked += 1;
+    }
+    ensure(checked >= 25, format!("{checked} files"))
+}
+
+fn main() {
+    let data = std::env::var_os("UNWATER_DATA").map(PathBuf::from).filter(|d| d.is_dir());
+    let missing = data.is_none();
+    let data = data.unwrap_or_default();
+    type Check = Box<dyn Fn(&Path) -> Result<(), Failed> + Send>;
+    let checks: Vec<(&str, Check)> = vec![
+        ("rendered A: attenuation", Box::new(rendered_a)),
+        ("stonefish finishes", Box::new(|d| finishes(d, "stonefish/sf_w020_square_srgb.mcap", 25))),
+        ("auv_set02 finishes", Box::new(|d| finishes(d, "real/auv_set02.mcap", 8))),
+        ("auv_set07 finishes", Box::new(|d| finishes(d, "real/auv_set07.mcap", 8))),
+        ("towed_port finishes", Box::new(|d| finishes(d, "real/towed_port.mcap", 50))),
+        ("MCAP corpus is read", Box::new(corpus)),
+    ];
+    let trials = checks
+        .into_iter()
+        .map(|(name, check)| {
+            let data = data.clone();
+            Trial::test(name, move || check(&data)).with_ignored_flag(missing)
+        })
+        .collect();
+    if missing {
+        eprintln!("UNWATER_DATA names no folder: the tests on dives are skipped");
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
