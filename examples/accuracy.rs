@@ -19,13 +19,17 @@ fn main() {
     let wanted = std::env::args().nth(3).unwrap_or_default();
     let mut pairs = joint.clone();
     pairs.config.estimate.estimator = Estimator::Pairs;
-    let cases: Vec<(&str, Box<dyn Fn(u64) -> Dive>, Options)> = vec![
+    type Case = (&'static str, Box<dyn Fn(u64) -> Dive>, Options);
+    let cases: Vec<Case> = vec![
         ("bayer16, clear", Box::new(plain), joint.clone()),
         ("bayer16, clear, pairs", Box::new(plain), pairs),
         ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), joint.clone()),
         ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), joint.clone()),
     ];
-    println!("{:<26} {:>24} {:>24} {:>8} {:>21} {:>7}", "case", "mean error of alpha", "worst error of alpha", "beam", "reflectance error", "in 95 %");
+    println!(
+        "{:<26} {:>24} {:>24} {:>8} {:>21} {:>7}",
+        "case", "mean error of alpha", "worst error of alpha", "beam", "reflectance error", "in 95 %"
+    );
     let folder = std::env::temp_dir().join(format!("unwater-accuracy-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     for (name, dive, options) in cases.into_iter().filter(|c| c.0.starts_with(&wanted)) {
@@ -33,7 +37,10 @@ fn main() {
         let n = verdicts.len() as f64;
         let mean = |f: &dyn Fn(&Verdict) -> f64| verdicts.iter().map(f).sum::<f64>() / n;
         let three = |f: &dyn Fn(usize) -> f64| (0..3).map(|b| format!("{:+.4}", f(b))).collect::<Vec<_>>().join(" ");
-        let held: usize = verdicts.iter().map(|v| v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count()).sum();
+        let held: usize = verdicts
+            .iter()
+            .map(|v| v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count())
+            .sum();
         println!(
             "{name:<26} {:>24} {:>24} {:>8.4} {:>21} {:>6.0}%",
             three(&|b| mean(&|v| v.attenuation_error_per_m[b])),

@@ -41,7 +41,9 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Estimate and correct: a dive log in, a corrected log out
-    #[command(after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap -o clear.mcap --depth 16\n  unwater correct dive2.mcap --model dive1.model.json\n\nExit status: 0 done; 1 failed, nothing written; 2 bad usage; 3 done, with losses that are listed.")]
+    #[command(
+        after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap -o clear.mcap --depth 16\n  unwater correct dive2.mcap --model dive1.model.json\n\nExit status: 0 done; 1 failed, nothing written; 2 bad usage; 3 done, with losses that are listed."
+    )]
     Correct(Correct),
     /// Pass one alone: write a model that corrects this dive, or others of the same water and strobe
     #[command(after_help = "Examples:\n  unwater estimate dive.mcap\n  unwater estimate dive_1.mcap dive_2.mcap -o dive.model.json")]
@@ -233,7 +235,8 @@ fn moment(word: &str) -> std::result::Result<u64, String> {
     if let Ok(nanos) = word.parse() {
         return Ok(nanos);
     }
-    let time = humantime::parse_rfc3339_weak(word).map_err(|_not_a_time| format!("{word:?} is neither nanoseconds nor RFC 3339 (2026-05-01T10:00:00Z)"))?;
+    let time =
+        humantime::parse_rfc3339_weak(word).map_err(|_not_a_time| format!("{word:?} is neither nanoseconds nor RFC 3339 (2026-05-01T10:00:00Z)"))?;
     let since = time.duration_since(std::time::UNIX_EPOCH).map_err(|_early| format!("{word:?} lies before 1970"))?;
     u64::try_from(since.as_nanos()).map_err(|_late| format!("{word:?} is too far off"))
 }

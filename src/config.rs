@@ -382,7 +382,10 @@ impl Config {
             (matches!(self.render.depth, 8 | 16), "render.depth must be 8 or 16"),
             (self.render.gain_cap > 1.0, "render.gain_cap must be above 1"),
             ((2..=64).contains(&self.render.gain_step_px), "render.gain_step_px must lie in 2 to 64"),
-            (!(self.render.depth == 16 && self.render.image_format == ImageFormat::Jpeg), "a JPEG holds 8 bits: use --image-format png or raw with --depth 16"),
+            (
+                !(self.render.depth == 16 && self.render.image_format == ImageFormat::Jpeg),
+                "a JPEG holds 8 bits: use --image-format png or raw with --depth 16",
+            ),
             ((1..=1024).contains(&self.output.chunk_size_mib), "output.chunk_size_mib must lie in 1 to 1024"),
         ];
         checks.iter().find(|(ok, _)| !ok).map_or(Ok(()), |(_, sentence)| Err((*sentence).into()))

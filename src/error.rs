@@ -22,17 +22,25 @@ pub enum Error {
     OutputExists { path: PathBuf },
     #[error("{what} in {path}: {reason}")]
     BadFile { path: PathBuf, what: &'static str, reason: String },
-    #[error("the log has no camera images that can be read; it has {seen}. unwater needs sensor_msgs/Image or sensor_msgs/CompressedImage (cdr, ros2msg)")]
+    #[error(
+        "the log has no camera images that can be read; it has {seen}. unwater needs sensor_msgs/Image or sensor_msgs/CompressedImage (cdr, ros2msg)"
+    )]
     NoCamera { seen: String },
     #[error("the log has {found} cameras: {topics}; say which with --camera TOPIC")]
     SeveralCameras { found: usize, topics: String },
     #[error("there is no {what} on topic {topic:?}; the log has {seen}")]
     NoSuchTopic { what: &'static str, topic: String, seen: String },
-    #[error("the log has no DVL or altimeter that can be read; it has {seen}. unwater needs ranges to the seafloor: name their topic with --dvl TOPIC")]
+    #[error(
+        "the log has no DVL or altimeter that can be read; it has {seen}. unwater needs ranges to the seafloor: name their topic with --dvl TOPIC"
+    )]
     NoRanges { seen: String },
-    #[error("the log has no calibration for {topic}; write one into a rig file: `unwater init IN.mcap -o rig.toml`, fill in camera.fx or camera.horizontal_field_of_view_deg, then add --rig rig.toml")]
+    #[error(
+        "the log has no calibration for {topic}; write one into a rig file: `unwater init IN.mcap -o rig.toml`, fill in camera.fx or camera.horizontal_field_of_view_deg, then add --rig rig.toml"
+    )]
     NoCalibration { topic: String },
-    #[error("where the {what} sits is not known: no transform joins its frame {frame:?} to the camera's frame {camera_frame:?} in the log's TF tree; write it into a rig file: `unwater init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml")]
+    #[error(
+        "where the {what} sits is not known: no transform joins its frame {frame:?} to the camera's frame {camera_frame:?} in the log's TF tree; write it into a rig file: `unwater init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml"
+    )]
     NoMount { what: &'static str, frame: String, camera_frame: String, section: &'static str },
     #[error("{0}")]
     Rig(String),

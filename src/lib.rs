@@ -22,5 +22,5 @@ pub mod estimate;
 pub mod recording;
 pub mod report;
 
-pub mod pipeline;
 pub mod cli;
+pub mod pipeline;

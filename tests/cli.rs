@@ -1,4 +1,5 @@
 //! The program as a user runs it: exit statuses, nothing lost, nothing half written, the same bytes every time.
+#![allow(clippy::unwrap_used)]
 
 mod support;
 
@@ -104,7 +105,12 @@ fn everything_of_the_input_is_in_the_output_and_threads_do_not_matter() {
 /// Copies a log and adds what a careless rewriter loses.
 fn enrich(source: &Path, target: &Path) {
     let recording = Recording::open(source).unwrap();
-    let mut writer = mcap::WriteOptions::new().profile("ros2").chunk_size(Some(1 << 18)).compression(Some(mcap::Compression::Lz4)).create(std::io::BufWriter::new(std::fs::File::create(target).unwrap())).unwrap();
+    let mut writer = mcap::WriteOptions::new()
+        .profile("ros2")
+        .chunk_size(Some(1 << 18))
+        .compression(Some(mcap::Compression::Lz4))
+        .create(std::io::BufWriter::new(std::fs::File::create(target).unwrap()))
+        .unwrap();
     for (id, s) in &recording.schemas {
         writer.add_schema_with_id(*id, &s.name, &s.encoding, &s.data).unwrap();
     }
@@ -117,14 +123,29 @@ fn enrich(source: &Path, target: &Path) {
     writer.add_channel_with_id(902, 0, "/alike", "json", &BTreeMap::new()).unwrap();
     for entry in recording.messages(Window::ALL) {
         if let Entry::Message(m) = entry {
-            let header = mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence + 7, log_time: m.log_time, publish_time: m.publish_time - 3 };
+            let header = mcap::records::MessageHeader {
+                channel_id: m.channel,
+                sequence: m.sequence + 7,
+                log_time: m.log_time,
+                publish_time: m.publish_time - 3,
+            };
             writer.write_to_known_channel(&header, m.data()).unwrap();
             let odd = mcap::records::MessageHeader { channel_id: 901 + (m.sequence % 2) as u16, sequence: 5, log_time: m.log_time, publish_time: 1 };
             writer.write_to_known_channel(&odd, b"{\"not\": \"ours\"}").unwrap();
         }
     }
-    writer.attach(&mcap::Attachment { log_time: 5, create_time: 6, name: "notes.txt".into(), media_type: "text/plain".into(), data: b"weather: fair"[..].into() }).unwrap();
-    writer.write_metadata(&mcap::records::Metadata { name: "rosbag2".into(), metadata: BTreeMap::from([("ROS_DISTRO".into(), "jazzy".into())]) }).unwrap();
+    writer
+        .attach(&mcap::Attachment {
+            log_time: 5,
+            create_time: 6,
+            name: "notes.txt".into(),
+            media_type: "text/plain".into(),
+            data: b"weather: fair"[..].into(),
+        })
+        .unwrap();
+    writer
+        .write_metadata(&mcap::records::Metadata { name: "rosbag2".into(), metadata: BTreeMap::from([("ROS_DISTRO".into(), "jazzy".into())]) })
+        .unwrap();
     writer.finish().unwrap();
 }
 
@@ -161,7 +182,10 @@ fn the_default_names_the_model_and_the_cuts() {
     assert_eq!(unwater(&["estimate", text(&input), "-q"]).status.code(), Some(0));
     let model = folder.path().join("dive.model.json");
     let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&model).unwrap()).unwrap();
-    assert_eq!((json["format"].as_str(), json["version"].as_u64(), json["attenuation_kind"].as_str()), (Some("unwater-model"), Some(1), Some("physical")));
+    assert_eq!(
+        (json["format"].as_str(), json["version"].as_u64(), json["attenuation_kind"].as_str()),
+        (Some("unwater-model"), Some(1), Some("physical"))
+    );
     assert_eq!(json["attenuation_per_m"].as_array().unwrap().len(), 3);
     for name in ["joint", "pairs", "altitude"] {
         assert!(json["estimators"].get(name).is_some(), "{name}");
@@ -177,7 +201,22 @@ fn the_default_names_the_model_and_the_cuts() {
     let times: Vec<u64> = by_topic(&input)["/camera/image_raw"].iter().map(|m| m.log_time).collect();
     let cut = folder.path().join("cut.mcap");
     let (start, end) = (times[3].to_string(), times[8].to_string());
-    let ran = unwater(&["correct", text(&input), "--model", text(&model), "-o", text(&cut), "-S", &start, "-E", &end, "--image-format", "raw", "--only", "^/camera/"]);
+    let ran = unwater(&[
+        "correct",
+        text(&input),
+        "--model",
+        text(&model),
+        "-o",
+        text(&cut),
+        "-S",
+        &start,
+        "-E",
+        &end,
+        "--image-format",
+        "raw",
+        "--only",
+        "^/camera/",
+    ]);
     assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
     let topics = by_topic(&cut);
     assert_eq!(topics["/camera/image_raw"].iter().map(|m| m.log_time).collect::<Vec<_>>(), times[3..8]);
@@ -254,7 +293,8 @@ fn frames_without_a_seafloor_pass_through_and_say_why() {
     for entry in recording.messages(Window::ALL) {
         let Entry::Message(m) = entry else { continue };
         if recording.channels[&m.channel].topic != "/dvl/data" || m.log_time < times[9] {
-            let header = mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence, log_time: m.log_time, publish_time: m.publish_time };
+            let header =
+                mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence, log_time: m.log_time, publish_time: m.publish_time };
             writer.write_to_known_channel(&header, m.data()).unwrap();
         }
     }
@@ -315,7 +355,13 @@ fn what_is_missing_is_named_with_its_remedy() {
         assert!(stderr(&ran).contains(words), "{path:?}: {}", stderr(&ran));
         assert!(!stderr(&ran).contains("panicked"));
     }
-    for bad in [&["correct"][..], &["correct", "x.mcap", "--metod", "full"], &["inspect", "x.mcap", "-S", "yesterday"], &["config", "--depth", "12"], &["config", "--depth", "16", "--image-format", "jpeg"]] {
+    for bad in [
+        &["correct"][..],
+        &["correct", "x.mcap", "--metod", "full"],
+        &["inspect", "x.mcap", "-S", "yesterday"],
+        &["config", "--depth", "12"],
+        &["config", "--depth", "16", "--image-format", "jpeg"],
+    ] {
         assert_eq!(unwater(bad).status.code(), Some(2), "{bad:?}");
     }
     let settings = folder.path().join("settings.toml");

@@ -1,5 +1,6 @@
 //! Every message type, from logs that an independent writer made (`sample_logs/messages/make.py`), against what that
 //! writer says is in them (`expected.json`).
+#![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -23,7 +24,9 @@ fn read_log(name: &str) -> (Recording, Vec<Message>) {
 fn decoder(recording: &Recording, message: &Message) -> Decoder {
     let channel = &recording.channels[&message.channel];
     let schema = &recording.schemas[&channel.schema_id];
-    Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data).expect("a schema").expect("a decoder")
+    Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data)
+        .expect("a schema")
+        .expect("a decoder")
 }
 
 fn close(a: f64, b: f64, tolerance: f64) -> bool {
@@ -43,7 +46,11 @@ fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expecte
     assert_eq!(automatic.coding.transfer == Transfer::Linear, expected["linear"].as_bool().expect("linear"), "{file}: transfer");
     assert_eq!(u64::from(codes.coding.bits), expected["bits"].as_u64().expect("bits"), "{file}: bits");
     let image = codes.image.into_bands();
-    assert_eq!((image.width as u64, image.height as u64, image.bands as u64), (expected["width"].as_u64().unwrap(), expected["height"].as_u64().unwrap(), expected["bands"].as_u64().unwrap()), "{file}: size");
+    assert_eq!(
+        (image.width as u64, image.height as u64, image.bands as u64),
+        (expected["width"].as_u64().unwrap(), expected["height"].as_u64().unwrap(), expected["bands"].as_u64().unwrap()),
+        "{file}: size"
+    );
     // Full scale is told from the bits in use; a dozen tiny gradients may not reach the top one.
     let scale = if codes.coding.bits == 16 { f64::from(white) / expected["full_scale"].as_f64().unwrap() } else { 1.0 };
     assert!(close(scale, 1.0, 1e-3), "{file}: white level {white}");
@@ -91,7 +98,10 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                 Kind::Transforms(read) => {
                     for (edge, truth) in read(&value).expect(file).iter().zip(readings) {
                         let (t, q) = (floats(&truth["t"]), floats(&truth["q"]));
-                        assert_eq!((edge.parent.as_str(), edge.child.as_str()), (truth["parent"].as_str().unwrap(), truth["child"].as_str().unwrap()));
+                        assert_eq!(
+                            (edge.parent.as_str(), edge.child.as_str()),
+                            (truth["parent"].as_str().unwrap(), truth["child"].as_str().unwrap())
+                        );
                         assert!((edge.pose.translation.vector - nalgebra::Vector3::new(t[0], t[1], t[2])).norm() < 1e-12, "{file}");
                         let r = edge.pose.rotation;
                         assert!(close(r.i, q[0], 1e-9) && close(r.j, q[1], 1e-9) && close(r.k, q[2], 1e-9) && close(r.w, q[3], 1e-9), "{file}");

@@ -1,4 +1,5 @@
 //! Render with a known model → estimate → correct → compare. The renderer shares no code with the estimator.
+#![allow(clippy::unwrap_used)]
 
 mod support;
 
@@ -35,7 +36,14 @@ fn slope_tilt_lost_beams_and_noise_over_several_seeds() {
 
 #[test]
 fn a_water_linked_dvl_without_beam_vectors_and_a_distorting_lens() {
-    let dive = Dive { seed: 21, frames: 32, dvl: DvlType::WaterLinked, distortion: [0.18, 0.05, 0.001, -0.001, 0.0], sensor: Sensor::Jpeg(92), ..Dive::default() };
+    let dive = Dive {
+        seed: 21,
+        frames: 32,
+        dvl: DvlType::WaterLinked,
+        distortion: [0.18, 0.05, 0.001, -0.001, 0.0],
+        sensor: Sensor::Jpeg(92),
+        ..Dive::default()
+    };
     let (v, truth) = judged(&dive, &Options::default());
     assert_near("jpeg, distorted", &v, &truth, 0.03, 0.05, 0.03);
 }
@@ -55,7 +63,11 @@ fn the_papers_own_estimator_with_the_strobes_spreading() {
     assert_eq!(v.model.estimator, "pairs");
     // Eq. 17 leaves what the seafloor does not average out: levels are common to all bands, so differences are better.
     let e = &v.attenuation_error_per_m;
-    assert!(e.iter().all(|e| e.abs() < 0.015) && (e[0] - e[1]).abs() < 0.005 && (e[1] - e[2]).abs() < 0.005, "{e:.4?} of {:?}", truth.attenuation_per_m);
+    assert!(
+        e.iter().all(|e| e.abs() < 0.015) && (e[0] - e[1]).abs() < 0.005 && (e[1] - e[2]).abs() < 0.005,
+        "{e:.4?} of {:?}",
+        truth.attenuation_per_m
+    );
     assert!(v.beam_log_rmse < 0.08, "{}", v.beam_log_rmse);
 }
 

@@ -9,10 +9,10 @@ use serde_json::json;
 use super::progress::Bar;
 use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Init, Inspect, RenderOptions};
 use crate::error::{Error, Result};
+use crate::image::Container;
 use crate::messages::TYPES;
 use crate::model::ModelFile;
 use crate::pipeline::{self, Options, corrected_topic, output_container, survey};
-use crate::image::Container;
 use crate::recording::Recording;
 use crate::report::Report;
 use crate::vehicle::{MountFacts, RigFile};
@@ -322,7 +322,8 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                         open_camera = true;
                     }
                     Error::NoMount { .. } => {
-                        stand_in.rig.dvl.mount = Some(MountFacts { translation_m: [0.0; 3], rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]), roll_pitch_yaw_deg: None });
+                        stand_in.rig.dvl.mount =
+                            Some(MountFacts { translation_m: [0.0; 3], rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]), roll_pitch_yaw_deg: None });
                         open_dvl = true;
                     }
                     _ => break,
@@ -332,7 +333,12 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                     Ok(s) => {
                         let mut facts = survey::rig_facts(&s.rig);
                         if open_camera {
-                            facts.camera = crate::vehicle::CameraFacts { width: facts.camera.width, height: facts.camera.height, mount: facts.camera.mount, ..Default::default() };
+                            facts.camera = crate::vehicle::CameraFacts {
+                                width: facts.camera.width,
+                                height: facts.camera.height,
+                                mount: facts.camera.mount,
+                                ..Default::default()
+                            };
                         }
                         if open_dvl {
                             facts.dvl.mount = None;
@@ -354,7 +360,9 @@ fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
         text += &format!("# note: {note}\n");
     }
     let mut put = |line: &str| text += &(line.to_string() + "\n");
-    let number = |name: &str, v: Option<f64>, unit: &str| v.map_or_else(|| format!("# {name} =   # FILL IN [{unit}]"), |v| format!("{name} = {v:?}  # [{unit}]"));
+    let number = |name: &str, v: Option<f64>, unit: &str| {
+        v.map_or_else(|| format!("# {name} =   # FILL IN [{unit}]"), |v| format!("{name} = {v:?}  # [{unit}]"))
+    };
     let count = |name: &str, v: Option<usize>| v.map_or_else(|| format!("# {name} =   # FILL IN [px]"), |v| format!("{name} = {v}  # [px]"));
     let c = &facts.camera;
     put("\n[camera]\n# calibration in water, for pictures of this size");
@@ -371,11 +379,19 @@ fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
         put("# or, where there is no calibration, the field of view in water:\n# horizontal_field_of_view_deg =   # FILL IN [deg]");
     }
     let mount = |section: &str, m: &Option<MountFacts>, what: &str| match m {
-        Some(m) => format!("\n[{section}.mount]  # {what}\ntranslation_m = {:?}\nrotation_xyzw = {:?}", m.translation_m, m.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0])),
-        None => format!("\n# [{section}.mount]  # FILL IN: {what}\n# translation_m = [0.0, 0.0, 0.0]  # place in the body [m]\n# roll_pitch_yaw_deg = [180.0, 0.0, 0.0]  # or rotation_xyzw"),
+        Some(m) => format!(
+            "\n[{section}.mount]  # {what}\ntranslation_m = {:?}\nrotation_xyzw = {:?}",
+            m.translation_m,
+            m.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0])
+        ),
+        None => format!(
+            "\n# [{section}.mount]  # FILL IN: {what}\n# translation_m = [0.0, 0.0, 0.0]  # place in the body [m]\n# roll_pitch_yaw_deg = [180.0, 0.0, 0.0]  # or rotation_xyzw"
+        ),
     };
     put(&mount("camera", &c.mount, "optical frame: x right, y down, z out of the lens"));
-    put("\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting");
+    put(
+        "\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting",
+    );
     put(&mount("dvl", &facts.dvl.mount, "z along its axis, towards the seafloor"));
     put(&mount("strobe", &facts.strobe.mount, "z along its beam; where absent the light is taken to sit at the camera"));
     text

@@ -25,8 +25,10 @@ impl<'g> GainGrid<'g> {
     pub fn new(correction: &'g Correction<'g>, view: &View<'g>, width: usize, height: usize, bands: usize) -> Self {
         let step = correction.config.gain_step_px;
         let (columns, rows) = ((width - 1).div_ceil(step) + 1, (height - 1).div_ceil(step) + 1);
-        let mut grid = Self { correction, view: *view, step, columns, rows, bands, gains: vec![f32::NAN; columns * rows * bands], facts: FrameFacts::default() };
-        let (mut shortest, mut longest, mut sum, mut met, mut capped, mut unseen, mut gain_sum) = (f64::INFINITY, 0.0f64, 0.0, 0usize, 0usize, 0usize, 0.0);
+        let mut grid =
+            Self { correction, view: *view, step, columns, rows, bands, gains: vec![f32::NAN; columns * rows * bands], facts: FrameFacts::default() };
+        let (mut shortest, mut longest, mut sum, mut met, mut capped, mut unseen, mut gain_sum) =
+            (f64::INFINITY, 0.0f64, 0.0, 0usize, 0usize, 0usize, 0.0);
         for row in 0..rows {
             for column in 0..columns {
                 let Some(path) = view.light_path((column * step) as f64, (row * step) as f64) else { continue };
@@ -110,8 +112,8 @@ impl<'g> GainGrid<'g> {
 mod tests {
     use super::*;
     use crate::config::{RenderConfig, Spreading};
-    use crate::image::LinearImage;
     use crate::geometry::{SeafloorPlane, Support};
+    use crate::image::LinearImage;
     use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
     use crate::spaces::{Direction, Transform};
     use crate::vehicle::{Camera, Rig, StrobeMount};

@@ -76,7 +76,8 @@ impl Correction<'_> {
     /// rectified picture, lens distortion is undone as well.
     pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, rectified: Option<&Camera>) -> Corrected {
         let pixels = (raw.light.width * raw.light.height) as f64;
-        let shares = |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
+        let shares =
+            |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
         let clipped_input_share = shares(&raw.light, self.clipped_above);
         let grid = GainGrid::new(self, view, raw.light.width, raw.light.height, raw.bands());
         let average = self.frame_average.filter(|_| self.config.method == Method::FrameAverage);
@@ -91,7 +92,10 @@ impl Correction<'_> {
             image = undistorted(&image, view.camera, camera);
         }
         let clipped_output_share = shares(&image, 1.0);
-        Corrected { image, facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..grid.facts() } }
+        Corrected {
+            image,
+            facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..grid.facts() },
+        }
     }
 
     /// Log of what is divided out of one band for one way of light, by the method (Fig. 10).

@@ -20,7 +20,8 @@ pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_
     let bands = model.bands;
     let medians: Vec<f64> = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -model.log_light(path, b)), 0.5)).collect();
     let is_near = |path: &LightPath| (0..bands).all(|b| -model.log_light(path, b) <= medians[b] + FAR_FACTOR.ln());
-    let corrected: Vec<[f64; 3]> = samples.iter().filter(|(_, path)| is_near(path)).map(|(color, path)| corrected_light(model, color, path)).collect();
+    let corrected: Vec<[f64; 3]> =
+        samples.iter().filter(|(_, path)| is_near(path)).map(|(color, path)| corrected_light(model, color, path)).collect();
     let balance: Vec<f64> = match config.white_balance {
         WhiteBalance::None => vec![1.0; bands],
         WhiteBalance::Factors(factors) => factors[..bands].to_vec(),

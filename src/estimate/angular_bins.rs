@@ -31,7 +31,9 @@ pub fn beam_pattern(
         for (_, sight) in &frame.grid {
             let Some(path) = path(frame, sight).filter(|p| nodes.holds(p.angles)) else { continue };
             let geometry = log_geometry(spreading, incidence, &path);
-            let mean = (0..frame.bands).map(|b| f64::from(sight.log_color[b]) + attenuation_per_m[b] * path.length_m()).sum::<f64>() / frame.bands as f64 - geometry;
+            let mean = (0..frame.bands).map(|b| f64::from(sight.log_color[b]) + attenuation_per_m[b] * path.length_m()).sum::<f64>()
+                / frame.bands as f64
+                - geometry;
             for (node, weight) in nodes.weights(path.angles) {
                 sums[node] += weight * mean;
                 weights[node] += weight;

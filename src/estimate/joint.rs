@@ -61,17 +61,26 @@ struct Row {
     class: [u8; 3],
 }
 
+/// What the solve is told beside the tracks.
+#[derive(Clone, Copy)]
+pub struct Setting<'s> {
+    /// how many frames there are
+    pub frames: usize,
+    /// 1 or 3
+    pub bands: usize,
+    /// the beam pattern's grid
+    pub nodes: Nodes,
+    /// p_a and p_s
+    pub spreading: SpreadingModel,
+    /// whether p_a is an unknown
+    pub fit_exponent: bool,
+    /// the choices
+    pub config: &'s EstimateConfig,
+}
+
 /// Solves for all tracks; `None` where too little is seen.
-pub fn solve(
-    tracks: &[Track],
-    frames: usize,
-    bands: usize,
-    nodes: Nodes,
-    spreading: SpreadingModel,
-    fit_exponent: bool,
-    paths: &SamplePath<'_>,
-    config: &EstimateConfig,
-) -> Option<JointAnswer> {
+pub fn solve(tracks: &[Track], setting: &Setting<'_>, paths: &SamplePath<'_>) -> Option<JointAnswer> {
+    let Setting { frames, bands, nodes, spreading, fit_exponent, config } = *setting;
     let spreading = if fit_exponent { SpreadingModel { strobe_leg: 0.0, ..spreading } } else { spreading };
     let mut rows: Vec<Row> = Vec::new();
     let mut ends: Vec<usize> = Vec::new();

@@ -18,13 +18,25 @@ pub struct Matchable<'f> {
     pub places: &'f [(f64, f64)],
 }
 
+/// Keypoints of two frames that are the same points of seafloor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MatchedPair {
+    /// index of one frame's samples
+    pub a: usize,
+    /// of the other's
+    pub b: usize,
+    /// indices of keypoints in both
+    pub keypoints: Vec<(u32, u32)>,
+}
+
 /// Indices of keypoints that are the same point of seafloor; `inlier` is in image-plane units.
 pub fn matches(a: &Matchable<'_>, b: &Matchable<'_>, config: &MatchingConfig, inlier: f64, seed: u64) -> Vec<(u32, u32)> {
     let candidates = nearest(a.keypoints, b.keypoints, config.ratio);
     if candidates.len() < config.least_inliers {
         return Vec::new();
     }
-    let places: Vec<[f64; 4]> = candidates.iter().map(|(i, j)| [a.places[*i as usize], b.places[*j as usize]]).map(|[p, q]| [p.0, p.1, q.0, q.1]).collect();
+    let places: Vec<[f64; 4]> =
+        candidates.iter().map(|(i, j)| [a.places[*i as usize], b.places[*j as usize]]).map(|[p, q]| [p.0, p.1, q.0, q.1]).collect();
     let mut inliers = ransac(&places, inlier, seed);
     for _ in 0..2 {
         if inliers.len() < config.least_inliers {
@@ -97,10 +109,7 @@ fn ransac(places: &[[f64; 4]], inlier: f64, seed: u64) -> Vec<usize> {
     let (mut round, mut rounds) = (0, 2000usize);
     while round < rounds {
         round += 1;
-        let mut four = [0; 4];
-        for k in 0..4 {
-            four[k] = draw(places.len());
-        }
+        let four: [usize; 4] = std::array::from_fn(|_| draw(places.len()));
         if (0..4).any(|k| four[..k].contains(&four[k])) {
             continue;
         }

@@ -17,7 +17,7 @@ mod tracks;
 
 use std::collections::BTreeMap;
 
-pub use matching::{Matchable, matches};
+pub use matching::{Matchable, MatchedPair, matches};
 pub use samples::{FrameSamples, Sight, samples};
 pub use tracks::{Observation, Track, tracks};
 
@@ -79,8 +79,7 @@ pub fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estima
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
-    let estimators: [(&str, fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>); 3] =
-        [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
+    let estimators: [(&str, EstimatorOf); 3] = [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
     for (name, run) in estimators {
         match run(samples, nodes, config) {
             Ok(candidate) => {
@@ -101,12 +100,16 @@ pub fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estima
     let chosen = order.iter().find_map(|name| found.remove_entry(name));
     let Some((estimator, candidate)) = chosen else {
         let reason = order.iter().filter_map(|n| Some(format!("{n}: {}", answers.get(*n)?.note.as_ref()?))).collect::<Vec<_>>().join("; ");
-        let remedy = "use a model from another stretch or dive of the same water and strobe with --model MODEL.json, or --method frame-average".into();
+        let remedy =
+            "use a model from another stretch or dive of the same water and strobe with --model MODEL.json, or --method frame-average".into();
         return Err(Error::NotEstimated { reason, remedy });
     };
     let not_identified_because = not_identified(&candidate, samples, config);
     Ok(Estimate { model: candidate.model, attenuation_std_per_m: candidate.std_per_m, estimator, answers, not_identified_because })
 }
+
+/// Samples and grid → an answer, or a sentence why there is none.
+type EstimatorOf = fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>;
 
 /// One estimator's answer, ready to be the model.
 struct Candidate {
@@ -139,8 +142,8 @@ fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) 
     let bands = samples.bands();
     let fit = config.spreading == Spreading::Fit;
     let path = |o: &Observation| samples.path(o);
-    let answer = joint::solve(samples.tracks, samples.frames.len(), bands, nodes, spreading, fit, &path, config)
-        .ok_or("the points seen more than once do not hold the unknowns")?;
+    let problem = joint::Setting { frames: samples.frames.len(), bands, nodes, spreading, fit_exponent: fit, config };
+    let answer = joint::solve(samples.tracks, &problem, &path).ok_or("the points seen more than once do not hold the unknowns")?;
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
     let beam_pattern = completed(&answer.beam, samples, nodes, &answer.attenuation_per_m, spreading, config);
     let model = ImagingModel { bands, attenuation_per_m: answer.attenuation_per_m, spreading, incidence: config.incidence, beam_pattern };
@@ -157,8 +160,17 @@ fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) 
 }
 
 /// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both are known.
-fn completed(beam: &[Option<f64>], samples: &Samples<'_>, nodes: Nodes, alpha: &Bands, spreading: SpreadingModel, config: &EstimateConfig) -> BeamPattern {
-    let bins = angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|f, s| s.path(f.normal, samples.body_from_strobe)).by_node();
+fn completed(
+    beam: &[Option<f64>],
+    samples: &Samples<'_>,
+    nodes: Nodes,
+    alpha: &Bands,
+    spreading: SpreadingModel,
+    config: &EstimateConfig,
+) -> BeamPattern {
+    let bins =
+        angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|f, s| s.path(f.normal, samples.body_from_strobe))
+            .by_node();
     let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
     let level = robust::median(&steps);
     let values: Vec<Option<f64>> = beam.iter().zip(&bins).map(|(a, b)| a.or(b.map(|b| b + level).filter(|v| v.is_finite()))).collect();
@@ -174,13 +186,16 @@ fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std
     let path = |o: &Observation| samples.path(o);
     let pairs = |beam: &BeamPattern| {
         let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
-        pairs::attenuation(samples.tracks, bands, config.attenuation_floor_per_m, &path, &known).ok_or_else(|| String::from("path lengths do not differ within the pairs"))
+        pairs::attenuation(samples.tracks, bands, config.attenuation_floor_per_m, &path, &known)
+            .ok_or_else(|| String::from("path lengths do not differ within the pairs"))
     };
     let first = pairs(&beam_pattern)?;
     let mut answer = first.clone();
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|f, s| s.path(f.normal, samples.body_from_strobe)); // Eq. 17
+        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|f, s| {
+            s.path(f.normal, samples.body_from_strobe)
+        }); // Eq. 17
         answer = pairs(&beam_pattern)?; // "we also recompute", §IV-C
         if settled(&before, &answer.attenuation_per_m) {
             break;
@@ -197,14 +212,19 @@ fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std
 fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
     let spread = samples.altitude_spread();
     if samples.frames.len() < 5 || spread.is_nan() || spread < config.least_altitude_spread {
-        return Err(format!("the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is needed", samples.frames.len(), config.least_altitude_spread));
+        return Err(format!(
+            "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is needed",
+            samples.frames.len(),
+            config.least_altitude_spread
+        ));
     }
     let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes);
     let path = |f: &FrameSamples, s: &Sight| s.path(f.normal, samples.body_from_strobe);
     let slope = |beam: &BeamPattern| {
         let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
-        altitude_slope::attenuation(samples.frames, bands, &path, &known).ok_or_else(|| String::from("too few frames share a part of the picture that is lit"))
+        altitude_slope::attenuation(samples.frames, bands, &path, &known)
+            .ok_or_else(|| String::from("too few frames share a part of the picture that is lit"))
     };
     let mut answer = slope(&beam_pattern)?;
     for _ in 0..config.sweeps {
@@ -239,7 +259,10 @@ fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Estimat
         return Some(format!("altitude hardly varies (the highest is {spread:.2} times the lowest)"));
     }
     if candidate.path_spread_m.is_some_and(|p| p < 0.05) {
-        return Some(format!("points are seen from nearly the same distance (path lengths differ by {:.3} m)", candidate.path_spread_m.unwrap_or_default()));
+        return Some(format!(
+            "points are seen from nearly the same distance (path lengths differ by {:.3} m)",
+            candidate.path_spread_m.unwrap_or_default()
+        ));
     }
     (worst > 0.08).then(|| format!("the estimate is uncertain by {worst:.2} per metre"))
 }

@@ -40,7 +40,13 @@ pub struct PairsAnswer {
 }
 
 /// Eq. 16 over all pairs within the tracks; `free` is log c without what is known.
-pub fn attenuation(tracks: &[Track], bands: usize, floor_per_m: f64, paths: &SamplePath<'_>, free: &dyn Fn(&crate::geometry::LightPath) -> f64) -> Option<PairsAnswer> {
+pub fn attenuation(
+    tracks: &[Track],
+    bands: usize,
+    floor_per_m: f64,
+    paths: &SamplePath<'_>,
+    free: &dyn Fn(&crate::geometry::LightPath) -> f64,
+) -> Option<PairsAnswer> {
     // (frame, ℓ_2 − ℓ_1, y_1 − y_2 per band)
     let mut pairs: Vec<(u32, f64, [f64; 3])> = Vec::new();
     for track in tracks {
@@ -66,9 +72,8 @@ pub fn attenuation(tracks: &[Track], bands: usize, floor_per_m: f64, paths: &Sam
             }
             answer.attenuation_per_m[b] = num / den;
         }
-        let misfit = |(_, dl, y): &(u32, f64, [f64; 3])| {
-            (0..bands).map(|b| (y[b] - answer.attenuation_per_m[b] * dl).abs()).sum::<f64>() / bands as f64
-        };
+        let misfit =
+            |(_, dl, y): &(u32, f64, [f64; 3])| (0..bands).map(|b| (y[b] - answer.attenuation_per_m[b] * dl).abs()).sum::<f64>() / bands as f64;
         let misfits: Vec<f64> = pairs.iter().map(misfit).collect();
         answer.residual = robust::scale(&misfits);
         weights = misfits.iter().map(|e| robust::cauchy(*e, answer.residual)).collect();

@@ -81,7 +81,14 @@ fn footprint_m(rung: i32) -> f64 {
 }
 
 /// Takes the samples of one frame.
-pub fn samples(frame: usize, image: &SensorImage, view: &View<'_>, with_keypoints: bool, matching: &MatchingConfig, config: &EstimateConfig) -> FrameSamples {
+pub fn samples(
+    frame: usize,
+    image: &SensorImage,
+    view: &View<'_>,
+    with_keypoints: bool,
+    matching: &MatchingConfig,
+    config: &EstimateConfig,
+) -> FrameSamples {
     let mut taken = FrameSamples {
         frame,
         normal: view.plane.normal,

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use super::matching::MatchedPair;
 use super::samples::{FrameSamples, Sight};
 
 /// One view of a track.
@@ -19,8 +20,8 @@ pub struct Observation {
 /// One point of seafloor, seen twice or more.
 pub type Track = Vec<Observation>;
 
-/// `pairs` holds (frame, frame, matches) with indices into `frames`.
-pub fn tracks(frames: &[FrameSamples], pairs: &[(usize, usize, Vec<(u32, u32)>)]) -> Vec<Track> {
+/// Joins matches of pairs of frames into tracks.
+pub fn tracks(frames: &[FrameSamples], pairs: &[MatchedPair]) -> Vec<Track> {
     let starts: Vec<usize> = frames
         .iter()
         .scan(0, |at, f| {
@@ -38,8 +39,8 @@ pub fn tracks(frames: &[FrameSamples], pairs: &[(usize, usize, Vec<(u32, u32)>)]
         }
         i
     }
-    for (a, b, matches) in pairs {
-        for (i, j) in matches {
+    for MatchedPair { a, b, keypoints } in pairs {
+        for (i, j) in keypoints {
             let (p, q) = (root(&mut parent, starts[*a] + *i as usize), root(&mut parent, starts[*b] + *j as usize));
             // The smaller index wins, so that a track's name does not depend on the order of pairs.
             parent[p.max(q)] = p.min(q);

@@ -48,7 +48,12 @@ impl LightPath {
 ///
 /// Everything that depends on where the strobe is, and nothing else, happens in this function: the search for
 /// an unmeasured strobe moves it. `None` where the light would come from below the floor.
-pub fn light_path(hit: Point<Body>, seafloor_to_camera_m: f64, normal: Direction<Body>, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
+pub fn light_path(
+    hit: Point<Body>,
+    seafloor_to_camera_m: f64,
+    normal: Direction<Body>,
+    body_from_strobe: Transform<Body, Strobe>,
+) -> Option<LightPath> {
     let from_strobe = hit.vector() - body_from_strobe.origin().vector();
     let strobe_to_seafloor_m = from_strobe.norm();
     let cos_incidence = normal.vector().dot(&from_strobe) / strobe_to_seafloor_m;

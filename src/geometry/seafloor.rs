@@ -174,7 +174,8 @@ impl Pings {
         let (dt, tt) = (mean(&|p| (p.0 - d) * (p.1 - t)), mean(&|p| (p.1 - t).powi(2)));
         // The height's drift is followed where pings lie on both sides; it is never carried past them.
         let straddled = distances.iter().any(|p| p.1 <= 0.0) && distances.iter().any(|p| p.1 >= 0.0);
-        let distance_m = if straddled && tt > 1e-6 { d - t * dt / tt } else { distances.iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).map_or(d, |p| p.0) };
+        let distance_m =
+            if straddled && tt > 1e-6 { d - t * dt / tt } else { distances.iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).map_or(d, |p| p.0) };
         Some(SeafloorPlane {
             normal: Direction::from_vector(normal)?,
             distance_m,
@@ -210,7 +211,11 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
     if smaller < 0.15 * larger.max(0.1) {
         return None;
     }
-    let times = { let mut t: Vec<f64> = hits.iter().map(|h| h.offset_s).collect(); t.dedup(); t };
+    let times = {
+        let mut t: Vec<f64> = hits.iter().map(|h| h.offset_s).collect();
+        t.dedup();
+        t
+    };
     let straddled = times.iter().any(|t| *t <= 0.0) && times.iter().any(|t| *t >= 0.0);
     let columns: &[fn(&[f64; 4]) -> f64] = match (times.len(), turned) {
         (1, _) => &[|_| 1.0, |p| p[0], |p| p[1]],

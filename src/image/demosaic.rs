@@ -43,7 +43,13 @@ pub fn demosaic(mosaic: &[f32], width: usize, height: usize, phase: Phase) -> Ve
     let mirror = |i: usize, n: usize| -> usize {
         let i = i as isize - MARGIN as isize;
         let last = n as isize - 1;
-        (if i < 0 { -i } else if i > last { 2 * last - i } else { i }) as usize
+        (if i < 0 {
+            -i
+        } else if i > last {
+            2 * last - i
+        } else {
+            i
+        }) as usize
     };
     let padded_width = width + 2 * MARGIN;
     let mut padded = vec![0f32; padded_width * (height + 2 * MARGIN)];

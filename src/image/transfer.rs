@@ -43,7 +43,10 @@ impl std::str::FromStr for Transfer {
             "auto" => Ok(Self::Auto),
             "linear" => Ok(Self::Linear),
             "srgb" => Ok(Self::Srgb),
-            _ => word.strip_prefix("gamma:").and_then(gamma).ok_or_else(|| format!("transfer {word:?} is not auto, linear, srgb or gamma:G with G in 0.2 to 5")),
+            _ => word
+                .strip_prefix("gamma:")
+                .and_then(gamma)
+                .ok_or_else(|| format!("transfer {word:?} is not auto, linear, srgb or gamma:G with G in 0.2 to 5")),
         }
     }
 }

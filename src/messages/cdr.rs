@@ -15,7 +15,9 @@ use super::value::Value;
 pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
     let [0, flags, _, _, body @ ..] = message else {
         return Err(match message {
-            [0x28, 0xb5, 0x2f, 0xfd, ..] => "the message itself is zstd-compressed (rosbag2 'message' compression); decompress with `ros2 bag convert` first".into(),
+            [0x28, 0xb5, 0x2f, 0xfd, ..] => {
+                "the message itself is zstd-compressed (rosbag2 'message' compression); decompress with `ros2 bag convert` first".into()
+            }
             _ => format!("no CDR encapsulation header in {} bytes", message.len()),
         });
     };

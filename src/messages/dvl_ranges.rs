@@ -53,7 +53,8 @@ fn directions(vectors: &[Vector3<f64>], facts: &DvlFacts) -> Result<(Vec<Directi
     if unit && one_side && vectors.iter().all(|v| SANE_JANUS_DEG.contains(&(90.0 - off_axis_deg(v)))) {
         let azimuths_deg = vectors.iter().map(|v| v.y.atan2(v.x).to_degrees()).collect();
         let janus_angle_deg = 90.0 - vectors.iter().map(off_axis_deg).sum::<f64>() / vectors.len() as f64;
-        let remark = format!("beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); taken as {janus_angle_deg:.1}°", 90.0 - janus_angle_deg);
+        let remark =
+            format!("beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); taken as {janus_angle_deg:.1}°", 90.0 - janus_angle_deg);
         return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(remark)));
     }
     Err("beam_unit_vec is not usable (zero, not of unit length, or not 12 to 35° off the axis); name the instrument in rig.toml: [dvl] beams = \"waterlinked-a50\"".into())
@@ -65,7 +66,8 @@ mod tests {
 
     #[test]
     fn swapped_vectors_are_mended_and_zero_ones_refused() {
-        let swapped: Vec<_> = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
+        let swapped: Vec<_> =
+            [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
         let (directions, remark) = directions(&swapped, &DvlFacts::default()).expect("mended");
         assert!((directions[0].vector() - Vector3::new(0.2706, 0.2706, 0.9239)).norm() < 1e-3 && remark.is_some());
         assert!(super::directions(&[Vector3::zeros(); 4], &DvlFacts::default()).is_err());

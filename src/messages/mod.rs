@@ -12,11 +12,11 @@ mod dvl_beams;
 mod dvl_ranges;
 mod imu;
 mod odometry;
+pub mod output;
 mod range;
 mod ros_compressed_image;
 mod ros_image;
 pub mod ros_schema;
-pub mod output;
 mod transforms;
 pub mod value;
 

@@ -230,7 +230,8 @@ mod tests {
 
     #[test]
     fn arrays_constants_and_relative_names() {
-        let text = "uint8 MODE=1\nHeader header\nBeam[] beams # four\nfloat64[3] v\nstring<=10 form \"a\"\n===\nMSG: p/Beam\nfloat64 distance\nbool valid\n";
+        let text =
+            "uint8 MODE=1\nHeader header\nBeam[] beams # four\nfloat64[3] v\nstring<=10 form \"a\"\n===\nMSG: p/Beam\nfloat64 distance\nbool valid\n";
         let layout = Layout::parse("p/msg/Dvl", text).expect("a layout");
         assert!(layout.has("header.stamp.nanosec") && layout.has("beams.distance") && !layout.has("mode"));
         assert_eq!(layout.type_at("v"), Some(&Type::Array(Box::new(Type::Primitive(Primitive::Float(8))), Some(3))));

@@ -37,11 +37,9 @@ impl<'a> Value<'a> {
     /// The value at a dotted path.
     pub fn get(&self, path: &str) -> Option<&Self> {
         path.split('.').try_fold(self, |value, name| match value {
-            Self::Record(fields) => fields
-                .iter()
-                .find(|(n, _)| **n == *name)
-                .or_else(|| fields.iter().find(|(n, _)| same_name(n, name)))
-                .map(|(_, v)| v),
+            Self::Record(fields) => {
+                fields.iter().find(|(n, _)| **n == *name).or_else(|| fields.iter().find(|(n, _)| same_name(n, name))).map(|(_, v)| v)
+            }
             _ => None,
         })
     }

@@ -72,7 +72,8 @@ impl BeamPattern {
             let before = filled.clone();
             for (index, value) in filled.iter_mut().enumerate().filter(|(_, v)| v.is_none()) {
                 let (i, j) = (index as isize / n, index as isize % n);
-                let around = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj))).filter(|(i, j)| (0..n).contains(i) && (0..n).contains(j));
+                let around =
+                    (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj))).filter(|(i, j)| (0..n).contains(i) && (0..n).contains(j));
                 let known: Vec<f64> = around.filter_map(|(i, j)| before[(i * n + j) as usize]).collect();
                 if !known.is_empty() {
                     *value = Some(known.iter().sum::<f64>() / known.len() as f64);

@@ -154,7 +154,10 @@ impl ModelFile {
         let bands = file.attenuation_per_m.len();
         let finite = file.attenuation_per_m.iter().chain(&file.rendering.gain).all(|v| v.is_finite());
         if !matches!(bands, 1 | 3) || file.rendering.gain.len() != bands || file.rendering.median_correction.len() != bands || !finite {
-            return Err(format!("attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 finite numbers", file.rendering.gain.len()));
+            return Err(format!(
+                "attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 finite numbers",
+                file.rendering.gain.len()
+            ));
         }
         file.imaging_model()?;
         Ok(file)
@@ -169,7 +172,8 @@ impl ModelFile {
         for (to, from) in attenuation_per_m.iter_mut().zip(&self.attenuation_per_m) {
             *to = *from;
         }
-        let spreading = self.spreading_exponents.map_or_else(|| SpreadingModel::of(self.spreading), |[a, s]| SpreadingModel { strobe_leg: a, camera_leg: s });
+        let spreading =
+            self.spreading_exponents.map_or_else(|| SpreadingModel::of(self.spreading), |[a, s]| SpreadingModel { strobe_leg: a, camera_leg: s });
         Ok(ImagingModel {
             bands: self.attenuation_per_m.len(),
             attenuation_per_m,

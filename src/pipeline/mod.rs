@@ -14,7 +14,7 @@ use sha2::Digest;
 use crate::config::{Config, Method, Spreading};
 use crate::correct::{Correction, rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, Samples, estimate, tracks};
+use crate::estimate::{Estimate, MatchedPair, Samples, estimate, tracks};
 use crate::geometry::LightPath;
 use crate::model::{BeamPatternFile, FORMAT, InputFile, ModelFile, SpreadingModel};
 use crate::recording::{Output, Recording, Window, ensure_distinct};
@@ -23,8 +23,8 @@ use crate::vehicle::RigFile;
 
 use ordered_map::Threads;
 use pass_one::{Collected, collect};
-pub use pass_two::{corrected_topic, method_name, output_container};
 use pass_two::PassTwo;
+pub use pass_two::{corrected_topic, method_name, output_container};
 use scan::{Scan, scan};
 use survey::{Selection, Survey, survey};
 
@@ -202,7 +202,7 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
             frames: collected.frames.len(),
         });
         frames.append(&mut collected.frames);
-        pairs.extend(collected.pairs.into_iter().map(|(a, b, m)| (a + offset, b + offset, m)));
+        pairs.extend(collected.pairs.into_iter().map(|p| MatchedPair { a: p.a + offset, b: p.b + offset, ..p }));
     }
     if frames.is_empty() {
         let reason = match first.survey.frames.len() {
@@ -216,10 +216,8 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     let body_from_strobe = first.survey.rig.strobe.body_from_strobe;
     let samples = Samples { frames: &frames, tracks: &tracks, body_from_strobe };
     let found = estimate(&samples, &config.estimate)?;
-    let lit: Vec<([f32; 3], LightPath)> = frames
-        .iter()
-        .flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, body_from_strobe)?))))
-        .collect();
+    let lit: Vec<([f32; 3], LightPath)> =
+        frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, body_from_strobe)?)))).collect();
     let shown = rendering(&lit, &found.model, first.survey.white_level, &config.render);
     Ok(file_of(found, shown, inputs, config))
 }

@@ -14,7 +14,10 @@ impl Threads {
     /// So many; 0 means all there are.
     pub fn new(count: usize) -> Self {
         // A pool fails only where the system gives no thread at all; one thread is asked for then.
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().or_else(|_no_threads| rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build());
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(count)
+            .build()
+            .or_else(|_no_threads| rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build());
         Self(pool.unwrap_or_else(|e| panic!("the system gives no threads: {e}")))
     }
 
@@ -72,10 +75,30 @@ mod tests {
     fn order_is_kept_and_an_error_ends_the_run() {
         let pool = Threads::new(3);
         let mut seen = Vec::new();
-        let all = ordered_map(0..100u32, 7, |_| 1, &pool, |i| i * 2, |r| -> Result<(), ()> { seen.push(r); Ok(()) });
+        let all = ordered_map(
+            0..100u32,
+            7,
+            |_| 1,
+            &pool,
+            |i| i * 2,
+            |r| -> Result<(), ()> {
+                seen.push(r);
+                Ok(())
+            },
+        );
         assert!(all.is_ok() && seen == (0..100).map(|i| i * 2).collect::<Vec<_>>());
         let mut count = 0;
-        let ended = ordered_map(0..1_000_000u32, 7, |_| 1, &pool, |i| i, |r| { count += 1; if r == 50 { Err(r) } else { Ok(()) } });
+        let ended = ordered_map(
+            0..1_000_000u32,
+            7,
+            |_| 1,
+            &pool,
+            |i| i,
+            |r| {
+                count += 1;
+                if r == 50 { Err(r) } else { Ok(()) }
+            },
+        );
         assert_eq!((ended, count), (Err(50), 51));
     }
 }

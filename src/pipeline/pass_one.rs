@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use crate::config::{Config, Estimator, Method};
 use crate::correct::FrameAverage;
 use crate::error::Result;
-use crate::estimate::{FrameSamples, Matchable, matches, samples};
+use crate::estimate::{FrameSamples, Matchable, MatchedPair, matches, samples};
 use crate::geometry::View;
 use crate::image::SensorImage;
 use crate::image::decode::{Light, decode};
@@ -26,8 +26,8 @@ const STRETCH: usize = 12;
 pub struct Collected {
     /// samples of the frames, in order
     pub frames: Vec<FrameSamples>,
-    /// matched keypoints: indices into `frames`, and of their keypoints
-    pub pairs: Vec<(usize, usize, Vec<(u32, u32)>)>,
+    /// matched keypoints
+    pub pairs: Vec<MatchedPair>,
     /// the mean frame, where the method wants it
     pub average: FrameAverage,
 }
@@ -39,10 +39,12 @@ pub fn chosen_frames(total: usize, most: usize) -> BTreeSet<usize> {
     }
     let stretches = (most / STRETCH).max(1);
     let length = (most / stretches).min(total);
-    (0..stretches).flat_map(|s| {
-        let first = if stretches > 1 { s * (total - length) / (stretches - 1) } else { 0 };
-        first..first + length
-    }).collect()
+    (0..stretches)
+        .flat_map(|s| {
+            let first = if stretches > 1 { s * (total - length) / (stretches - 1) } else { 0 };
+            first..first + length
+        })
+        .collect()
 }
 
 /// A camera's message and the index of its frame.
@@ -58,7 +60,15 @@ pub fn camera_messages<'r>(recording: &'r Recording, survey: &'r Survey, window:
 ///
 /// # Errors
 /// None of its own; a frame that cannot be used is left out here and accounted for in pass two.
-pub fn collect(recording: &Recording, scan: &Scan, survey: &Survey, window: Window, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
+pub fn collect(
+    recording: &Recording,
+    scan: &Scan,
+    survey: &Survey,
+    window: Window,
+    config: &Config,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Collected> {
     let chosen = chosen_frames(survey.frames.len(), config.estimate.max_frames);
     let mut collected = Collected::default();
     progress.begin(Step::Estimate, chosen.len());
@@ -75,16 +85,23 @@ pub fn collect(recording: &Recording, scan: &Scan, survey: &Survey, window: Wind
         Some((taken, wants_average.then(|| image.into_bands())))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
-    ordered_map(items, 2 * threads.count(), |_| 1, threads, work, |result| -> Result<()> {
-        if let Some((taken, image)) = result {
-            collected.frames.push(taken);
-            if let Some(image) = image {
-                collected.average.add(&image);
+    ordered_map(
+        items,
+        2 * threads.count(),
+        |_| 1,
+        threads,
+        work,
+        |result| -> Result<()> {
+            if let Some((taken, image)) = result {
+                collected.frames.push(taken);
+                if let Some(image) = image {
+                    collected.average.add(&image);
+                }
             }
-        }
-        progress.advance(1);
-        Ok(())
-    })?;
+            progress.advance(1);
+            Ok(())
+        },
+    )?;
     progress.end();
     if with_keypoints {
         collected.pairs = matched(&collected.frames, survey, config, threads, progress)?;
@@ -100,7 +117,7 @@ fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Confi
     Ok(decode(&read(&value)?, light)?.image)
 }
 
-fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<(usize, usize, Vec<(u32, u32)>)>> {
+fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<MatchedPair>> {
     let neighbours = (0..frames.len()).flat_map(|a| (a + 1..frames.len().min(a + 1 + config.matching.neighbours)).map(move |b| (a, b)));
     // Frames of one stretch are neighbours; the last of one and the first of the next are not.
     let near = neighbours.filter(|(a, b)| frames[*b].frame - frames[*a].frame <= config.matching.neighbours);
@@ -111,16 +128,23 @@ fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &
     let inlier = config.matching.inlier_px * reduction / camera.fx;
     let work = |(a, b): (usize, usize)| {
         let of = |i: usize| Matchable { keypoints: &frames[i].keypoints, places: &frames[i].places };
-        (a, b, matches(&of(a), &of(b), &config.matching, inlier, (a as u64) << 32 | b as u64))
+        MatchedPair { a, b, keypoints: matches(&of(a), &of(b), &config.matching, inlier, (a as u64) << 32 | b as u64) }
     };
     let mut pairs = Vec::new();
-    ordered_map(near.into_iter(), 16, |_| 1, threads, work, |pair| -> Result<()> {
-        progress.advance(1);
-        if !pair.2.is_empty() {
-            pairs.push(pair);
-        }
-        Ok(())
-    })?;
+    ordered_map(
+        near.into_iter(),
+        16,
+        |_| 1,
+        threads,
+        work,
+        |pair| -> Result<()> {
+            progress.advance(1);
+            if !pair.keypoints.is_empty() {
+                pairs.push(pair);
+            }
+            Ok(())
+        },
+    )?;
     progress.end();
     Ok(pairs)
 }

@@ -199,7 +199,9 @@ impl PassTwo<'_> {
             if keep {
                 let known = channel.schema_id == 0 || self.recording.schemas.contains_key(&channel.schema_id);
                 if !known {
-                    report.warnings.push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
+                    report
+                        .warnings
+                        .push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
                 }
                 let channel = crate::recording::Channel { schema_id: if known { channel.schema_id } else { 0 }, ..channel.clone() };
                 out.copy_channel(*id, &channel)?;
@@ -268,7 +270,14 @@ impl PassTwo<'_> {
         Done { message, heading: said, plane, result }
     }
 
-    fn encoded(&self, heading: &Heading, image: &LinearImage, container: Container, subsampled: bool, srgb: &SrgbTable) -> std::result::Result<Vec<u8>, String> {
+    fn encoded(
+        &self,
+        heading: &Heading,
+        image: &LinearImage,
+        container: Container,
+        subsampled: bool,
+        srgb: &SrgbTable,
+    ) -> std::result::Result<Vec<u8>, String> {
         let LinearImage { width, height, bands, .. } = *image;
         let deep = self.config.render.depth == 16;
         let samples: Vec<u8> = if deep {
@@ -277,7 +286,9 @@ impl PassTwo<'_> {
             image.pixels.iter().map(|v| srgb.code(*v)).collect()
         };
         Ok(match container {
-            Container::Jpeg { .. } => output::compressed_image(heading, "jpeg", &encode::jpeg(&samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?),
+            Container::Jpeg { .. } => {
+                output::compressed_image(heading, "jpeg", &encode::jpeg(&samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?)
+            }
             Container::Png => output::compressed_image(heading, "png", &encode::png(&samples, width, height, bands, self.config.render.depth)?),
             Container::Raw => {
                 let encoding = match (bands, deep) {
@@ -286,7 +297,8 @@ impl PassTwo<'_> {
                     (_, false) => "rgb8",
                     (_, true) => "rgb16",
                 };
-                let samples: Vec<u8> = if deep && cfg!(target_endian = "big") { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { samples };
+                let samples: Vec<u8> =
+                    if deep && cfg!(target_endian = "big") { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { samples };
                 output::image(heading, width, height, encoding, samples.len() / height.max(1), &samples)
             }
         })
@@ -359,7 +371,8 @@ impl PassTwo<'_> {
     }
 
     fn opening_lines(&self) -> Vec<(Level, String)> {
-        let alpha: Vec<String> = self.file.attenuation_per_m.iter().zip(&self.file.attenuation_std_per_m).map(|(a, s)| format!("{a:.3} ± {s:.3}")).collect();
+        let alpha: Vec<String> =
+            self.file.attenuation_per_m.iter().zip(&self.file.attenuation_std_per_m).map(|(a, s)| format!("{a:.3} ± {s:.3}")).collect();
         let kind = &self.file.attenuation_kind;
         let mut lines = vec![(Level::Info, format!("{kind} attenuation {} per metre, by the {} estimator", alpha.join(" / "), self.file.estimator))];
         lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
@@ -390,10 +403,20 @@ impl PassTwo<'_> {
         let (first, last) = self.scan.span.unwrap_or_default();
         let model_json = self.file.to_json();
         let config_toml = self.config.to_commented_toml();
-        let texts =
-            [("model.json", "application/json", model_json.clone()), ("report.json", "application/json", report.to_json()), ("unwater.toml", "application/toml", config_toml.clone()), ("rig.toml", "application/toml", self.rig_toml.into())];
+        let texts = [
+            ("model.json", "application/json", model_json.clone()),
+            ("report.json", "application/json", report.to_json()),
+            ("unwater.toml", "application/toml", config_toml.clone()),
+            ("rig.toml", "application/toml", self.rig_toml.into()),
+        ];
         for (name, media_type, text) in texts {
-            out.attach(&mcap::Attachment { log_time: last, create_time: first, name: name.into(), media_type: media_type.into(), data: text.into_bytes().into() })?;
+            out.attach(&mcap::Attachment {
+                log_time: last,
+                create_time: first,
+                name: name.into(),
+                media_type: media_type.into(),
+                data: text.into_bytes().into(),
+            })?;
         }
         let facts = [
             ("version", report.version.clone()),

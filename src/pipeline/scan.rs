@@ -87,7 +87,8 @@ fn is_probed(index: usize) -> bool {
 
 /// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window.
 pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
-    let mut scan = Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0 };
+    let mut scan =
+        Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0 };
     for (id, channel) in &recording.channels {
         let mut of_channel = ChannelScan::default();
         match decoder(recording, channel) {

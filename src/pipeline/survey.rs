@@ -260,7 +260,11 @@ fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, rema
     }
     let seen = if topics.is_empty() { channel_list(recording) } else { topics.keys().cloned().collect::<Vec<_>>().join(", ") };
     if let Some(wanted) = &selection.camera {
-        return if topics.contains_key(wanted) { Ok(wanted.clone()) } else { Err(Error::NoSuchTopic { what: "camera", topic: wanted.clone(), seen }) };
+        return if topics.contains_key(wanted) {
+            Ok(wanted.clone())
+        } else {
+            Err(Error::NoSuchTopic { what: "camera", topic: wanted.clone(), seen })
+        };
     }
     topics.retain(|_, frames| *frames > 0);
     let own: Vec<String> = topics.keys().filter(|t| t.contains("image_corrected") || t.starts_with("/unwater/")).cloned().collect();
@@ -286,7 +290,13 @@ fn choose_ranges(recording: &Recording, scan: &Scan, selection: &Selection, rig_
     let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| selection.dvl.as_ref().is_none_or(|t| *t == topic(recording, *id))).collect();
     let score = |id: u16, rank: u8| {
         let (plane, beam, altitude) = scan.channels.get(&id).map_or((0, 0, 0), ChannelScan::ping_counts);
-        let quality = if plane > 0 { 3 } else if beam > 0 { 2 } else { usize::from(altitude > 0) };
+        let quality = if plane > 0 {
+            3
+        } else if beam > 0 {
+            2
+        } else {
+            usize::from(altitude > 0)
+        };
         (quality, std::cmp::Reverse(rank), plane.max(beam).max(altitude), std::cmp::Reverse(id))
     };
     let best = candidates.iter().max_by_key(|(id, rank)| score(*id, *rank)).map(|(id, _)| *id);
@@ -347,7 +357,8 @@ fn dvl_mount(mounts: &Mounts<'_>, body_frame: &str, dvl_frame: &str, dvl_topic: 
     // topic is named after, stands in for it.
     let word = |name: &str| name.split(['_', '/']).find(|w| !w.is_empty()).unwrap_or("").to_ascii_lowercase();
     let wanted = [word(dvl_frame), word(dvl_topic)];
-    let stand_in = mounts.frames().into_iter().find(|f| wanted.iter().any(|w| !w.is_empty() && word(f) == *w) && mounts.pose_below(body_frame, f).is_some())?;
+    let stand_in =
+        mounts.frames().into_iter().find(|f| wanted.iter().any(|w| !w.is_empty() && word(f) == *w) && mounts.pose_below(body_frame, f).is_some())?;
     remarks.push(format!("the frame {dvl_frame:?} of {dvl_topic} is not in the TF tree; {stand_in:?} stands in for it"));
     mounts.pose_below(body_frame, stand_in)
 }
@@ -412,9 +423,17 @@ fn attitude(
     config: &Config,
     remarks: &mut Vec<String>,
 ) -> (Option<String>, AttitudeTrack) {
-    let best = scan.channels.iter().filter(|(_, c)| !c.attitudes.is_empty()).max_by_key(|(id, c)| (c.attitudes.len(), std::cmp::Reverse(**id))).map(|(id, _)| *id);
+    let best = scan
+        .channels
+        .iter()
+        .filter(|(_, c)| !c.attitudes.is_empty())
+        .max_by_key(|(id, c)| (c.attitudes.len(), std::cmp::Reverse(**id)))
+        .map(|(id, _)| *id);
     let Some((id, channel)) = best.and_then(|id| Some((id, scan.channels.get(&id)?))) else {
-        remarks.push("the log has no attitude: hits are not turned between ping and frame, and one or two returns mean a floor square to the instrument".into());
+        remarks.push(
+            "the log has no attitude: hits are not turned between ping and frame, and one or two returns mean a floor square to the instrument"
+                .into(),
+        );
         return (None, AttitudeTrack::default());
     };
     let name = topic(recording, id);

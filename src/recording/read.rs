@@ -334,7 +334,9 @@ impl Recording {
                 break;
             };
             match record[0] {
-                op::MESSAGE => entries.extend(message(buffer.clone(), at + RECORD_HEAD..stop).filter(|m| window.holds(m.log_time)).map(Entry::Message)),
+                op::MESSAGE => {
+                    entries.extend(message(buffer.clone(), at + RECORD_HEAD..stop).filter(|m| window.holds(m.log_time)).map(Entry::Message));
+                }
                 opcode @ (op::SCHEMA | op::CHANNEL) => {
                     if let Ok(record) = mcap::parse_record(opcode, &buffer.bytes()[at + RECORD_HEAD..stop]) {
                         declared.push(record.into_owned());
@@ -360,9 +362,13 @@ impl Recording {
                 return Err(damage("an attachment's lengths do not add up".into()));
             }
             match mcap::parse_record(op::ATTACHMENT, bytes) {
-                Ok(Record::Attachment { header, data, .. }) => {
-                    Ok(mcap::Attachment { log_time: header.log_time, create_time: header.create_time, name: header.name, media_type: header.media_type, data })
-                }
+                Ok(Record::Attachment { header, data, .. }) => Ok(mcap::Attachment {
+                    log_time: header.log_time,
+                    create_time: header.create_time,
+                    name: header.name,
+                    media_type: header.media_type,
+                    data,
+                }),
                 Ok(_) => Err(damage("an attachment cannot be read".into())),
                 Err(e) => Err(damage(format!("an attachment cannot be read: {e}"))),
             }

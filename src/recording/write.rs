@@ -186,7 +186,7 @@ impl Output {
     /// # Errors
     /// Writing failed; nothing stands under the name then.
     pub fn finish(mut self) -> Result<()> {
-        self.with(|w| w.finish()).map(drop)?;
+        self.with(mcap::Writer::finish).map(drop)?;
         let failed = |source| Error::Write { path: self.target.clone(), source };
         if let Some(writer) = self.writer.take() {
             let file = writer.into_inner().into_inner().map_err(|e| failed(e.into_error()))?;

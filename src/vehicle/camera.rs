@@ -123,7 +123,7 @@ impl Camera {
             return Some(*self);
         }
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
-        ((sx / sy - 1.0).abs() < 0.02).then(|| Self {
+        ((sx / sy - 1.0).abs() < 0.02).then_some(Self {
             width,
             height,
             fx: self.fx * sx,

@@ -55,10 +55,7 @@ impl JanusArray {
 
     /// The instrument called `name`.
     pub fn named(name: &str) -> Option<Self> {
-        Self::KNOWN
-            .iter()
-            .find(|(n, ..)| *n == name)
-            .map(|(_, angle, azimuths)| Self { janus_angle_deg: *angle, azimuths_deg: azimuths.to_vec() })
+        Self::KNOWN.iter().find(|(n, ..)| *n == name).map(|(_, angle, azimuths)| Self { janus_angle_deg: *angle, azimuths_deg: azimuths.to_vec() })
     }
 
     /// Unit vectors in message order.
