@@ -11,15 +11,19 @@
 //!
 //! What a frame gets wrong (plane, attitude) it gets wrong in all its points: the standard deviations come from
 //! residuals summed by stretches of frames (a sandwich estimate), not from counting points as independent.
+//! A strobe that nobody measured is three more unknowns: see `strobe_search`.
+//!
 //! After Bryson et al. (JFR 2016) and SUCRe (3DV 2024) in idea; ours in form.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::tracks::Track;
-use super::{SamplePath, robust};
+use super::robust;
+use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
+use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{Nodes, SpreadingModel, log_geometry};
+use crate::model::{BeamPattern, Nodes, SpreadingModel, log_geometry};
+use crate::spaces::{Body, Strobe, Transform};
 
 /// Nodes with less weight of observations are not solved for.
 const LEAST_NODE_WEIGHT: f64 = 3.0;
@@ -27,6 +31,27 @@ const LEAST_NODE_WEIGHT: f64 = 3.0;
 const NOISE_CLASSES: usize = 6;
 /// Stretches of frames whose errors are taken to be independent.
 const STRETCHES: usize = 12;
+/// Step of the numeric derivative by the strobe's place [m].
+const STROBE_STEP_M: f64 = 0.01;
+
+/// What the solve is told beside the tracks.
+#[derive(Clone, Copy)]
+pub struct Setting<'s> {
+    /// how many frames there are
+    pub frames: usize,
+    /// 1 or 3
+    pub bands: usize,
+    /// the beam pattern's grid
+    pub nodes: Nodes,
+    /// p_a and p_s
+    pub spreading: SpreadingModel,
+    /// whether p_a is an unknown
+    pub fit_exponent: bool,
+    /// reweightings
+    pub rounds: usize,
+    /// the choices
+    pub config: &'s EstimateConfig,
+}
 
 /// The answer of the solve.
 #[derive(Clone, Debug)]
@@ -51,6 +76,18 @@ pub struct JointAnswer {
     pub path_spread_m: f64,
 }
 
+/// A step of the strobe that the residuals ask for, with its standard deviation [m].
+#[derive(Clone, Copy, Debug)]
+pub struct StrobeStep {
+    /// in body space
+    pub step_m: Vector3<f64>,
+    /// per axis
+    pub std_m: Vector3<f64>,
+}
+
+/// The light path of an observation for a strobe's mount.
+pub type PathFor<'f> = dyn Fn(&Observation, Transform<Body, Strobe>) -> Option<LightPath> + 'f;
+
 /// One view of a track, as numbers of the linear problem.
 struct Row {
     frame: u32,
@@ -59,120 +96,359 @@ struct Row {
     log_strobe_leg: f64,
     y: [f64; 3],
     class: [u8; 3],
+    /// which of all observations, in the order of the tracks
+    source: usize,
+    /// derivative of the model by the strobe's place, per band
+    by_strobe: [Vector3<f64>; 3],
 }
 
-/// What the solve is told beside the tracks.
-#[derive(Clone, Copy)]
-pub struct Setting<'s> {
-    /// how many frames there are
-    pub frames: usize,
-    /// 1 or 3
-    pub bands: usize,
-    /// the beam pattern's grid
-    pub nodes: Nodes,
-    /// p_a and p_s
-    pub spreading: SpreadingModel,
-    /// whether p_a is an unknown
-    pub fit_exponent: bool,
-    /// the choices
-    pub config: &'s EstimateConfig,
+/// The linear problem of one strobe mount.
+pub struct Problem<'s> {
+    setting: Setting<'s>,
+    rows: Vec<Row>,
+    /// end of each track in `rows`
+    ends: Vec<usize>,
+    /// node → unknown, `usize::MAX` where it is none
+    place: Vec<usize>,
+    /// unknown nodes; α follow, then the exponent, then the strobe
+    beam: usize,
+    with_strobe: bool,
+    weights: Vec<[f64; 3]>,
+}
+
+/// A solution and what is left over.
+pub struct Solution {
+    values: DVector<f64>,
+    normal: DMatrix<f64>,
+    /// robust spread of the misfits [log light]
+    pub residual: f64,
 }
 
 /// Solves for all tracks; `None` where too little is seen.
-pub fn solve(tracks: &[Track], setting: &Setting<'_>, paths: &SamplePath<'_>) -> Option<JointAnswer> {
-    let Setting { frames, bands, nodes, spreading, fit_exponent, config } = *setting;
-    let spreading = if fit_exponent { SpreadingModel { strobe_leg: 0.0, ..spreading } } else { spreading };
-    let mut rows: Vec<Row> = Vec::new();
-    let mut ends: Vec<usize> = Vec::new();
-    for track in tracks {
-        let start = rows.len();
-        for o in track {
-            let Some(path) = paths(o).filter(|p| nodes.holds(p.angles)) else { continue };
-            let geometry = log_geometry(spreading, config.incidence, &path);
-            rows.push(Row {
-                frame: o.frame,
-                nodes: nodes.weights(path.angles),
-                length_m: path.length_m(),
-                log_strobe_leg: path.strobe_to_seafloor_m.ln(),
-                y: std::array::from_fn(|b| if b < bands { f64::from(o.sight.log_color[b]) - geometry } else { 0.0 }),
-                class: [0; 3],
-            });
-        }
-        if rows.len() - start < 2 {
-            rows.truncate(start);
-        } else {
-            ends.push(rows.len());
-        }
-    }
-    classify(&mut rows, tracks, bands);
+pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Transform<Body, Strobe>, paths: &PathFor<'_>) -> Option<JointAnswer> {
+    let mut problem = Problem::new(tracks, setting, mount, paths)?;
+    let solution = problem.solve(setting.rounds)?;
+    problem.answer(&solution)
+}
 
-    // Only nodes that are seen are unknowns.
-    let mut seen = vec![0.0; nodes.count * nodes.count];
-    rows.iter().flat_map(|r| r.nodes).for_each(|(n, w)| seen[n] += w);
-    let active: Vec<usize> = (0..seen.len()).filter(|n| seen[*n] >= LEAST_NODE_WEIGHT).collect();
-    let mut place = vec![usize::MAX; seen.len()];
-    active.iter().enumerate().for_each(|(i, n)| place[*n] = i);
-    let mut kept_rows = Vec::with_capacity(rows.len());
-    let mut kept_ends = Vec::with_capacity(ends.len());
-    let mut start = 0;
-    let mut rows = rows.into_iter();
-    for end in ends {
-        let before = kept_rows.len();
-        kept_rows.extend(rows.by_ref().take(end - start).filter(|r| r.nodes.iter().all(|(n, w)| place[*n] != usize::MAX || *w < 1e-9)));
-        start = end;
-        if kept_rows.len() - before < 2 {
-            kept_rows.truncate(before);
-        } else {
-            kept_ends.push(kept_rows.len());
+impl<'s> Problem<'s> {
+    /// Sets the problem up for a strobe's mount; `None` where too little is seen.
+    pub fn new(tracks: &[Track], setting: &Setting<'s>, mount: Transform<Body, Strobe>, paths: &PathFor<'_>) -> Option<Self> {
+        let Setting { bands, nodes, .. } = *setting;
+        let spreading = setting.spreading_held();
+        let mut seen = vec![0.0; nodes.count * nodes.count];
+        let mut views: Vec<Vec<(usize, u32, LightPath, [f32; 3])>> = Vec::with_capacity(tracks.len());
+        let mut source = 0;
+        for track in tracks {
+            let lit = |(i, o): (usize, &Observation)| Some((source + i, o.frame, paths(o, mount).filter(|p| nodes.holds(p.angles))?, o.sight.log_color));
+            let of_track: Vec<_> = track.iter().enumerate().filter_map(lit).collect();
+            source += track.len();
+            of_track.iter().flat_map(|(_, _, p, _)| nodes.weights(p.angles)).for_each(|(n, w)| seen[n] += w);
+            views.push(of_track);
+        }
+        // Only nodes that are seen are unknowns; views at others are left out.
+        let mut place = vec![usize::MAX; seen.len()];
+        let mut beam = 0;
+        for (node, _) in seen.iter().enumerate().filter(|(_, w)| **w >= LEAST_NODE_WEIGHT) {
+            place[node] = beam;
+            beam += 1;
+        }
+        let (mut rows, mut ends) = (Vec::new(), Vec::new());
+        for of_track in views {
+            let start = rows.len();
+            for (source, frame, path, color) in of_track {
+                let at = nodes.weights(path.angles);
+                if at.iter().any(|(n, w)| place[*n] == usize::MAX && *w > 1e-9) {
+                    continue;
+                }
+                let geometry = log_geometry(spreading, setting.config.incidence, &path);
+                rows.push(Row {
+                    frame,
+                    nodes: at,
+                    length_m: path.length_m(),
+                    log_strobe_leg: path.strobe_to_seafloor_m.ln(),
+                    y: std::array::from_fn(|b| if b < bands { f64::from(color[b]) - geometry } else { 0.0 }),
+                    class: [0; 3],
+                    source,
+                    by_strobe: [Vector3::zeros(); 3],
+                });
+            }
+            if rows.len() - start < 2 {
+                rows.truncate(start);
+            } else {
+                ends.push(rows.len());
+            }
+        }
+        classify(&mut rows, bands);
+        let weights = vec![[1.0; 3]; rows.len()];
+        let enough = rows.len() >= 2 * (beam + bands).min(100) && ends.len() >= 30;
+        enough.then_some(Self { setting: *setting, rows, ends, place, beam, with_strobe: false, weights })
+    }
+
+    fn exponent_at(&self) -> usize {
+        self.beam + self.setting.bands
+    }
+
+    fn strobe_at(&self) -> usize {
+        self.exponent_at() + usize::from(self.setting.fit_exponent)
+    }
+
+    fn unknowns(&self) -> usize {
+        self.strobe_at() + if self.with_strobe { 3 } else { 0 }
+    }
+
+    /// Reweighted least squares; keeps the weights for what follows.
+    pub fn solve(&mut self, rounds: usize) -> Option<Solution> {
+        let smooth = self.smoothness();
+        let mut solution = None;
+        for _ in 0..rounds.max(1) {
+            let (normal, right) = self.normal_equations(&smooth);
+            let values = normal.clone().cholesky()?.solve(&right);
+            let misfits = self.misfits(&values);
+            let (weights, residual) = reweighted(&self.rows, &misfits, self.setting.bands);
+            self.weights = weights;
+            solution = Some(Solution { values, normal, residual });
+        }
+        solution
+    }
+
+    /// The step of the strobe that would lower the misfits most, to first order, with everything else free.
+    pub fn strobe_step(&mut self, tracks: &[Track], mount: Transform<Body, Strobe>, paths: &PathFor<'_>, solution: &Solution) -> Option<StrobeStep> {
+        self.differentiate(tracks, mount, paths, solution);
+        self.with_strobe = true;
+        let (normal, right) = self.normal_equations(&self.smoothness());
+        let values = normal.clone().cholesky()?.solve(&right);
+        let at = self.strobe_at();
+        let covariance = self.covariance(&normal, &values, at)?;
+        self.with_strobe = false;
+        let std_m = Vector3::new(covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)]).map(f64::sqrt);
+        Some(StrobeStep { step_m: Vector3::new(values[at], values[at + 1], values[at + 2]), std_m })
+    }
+
+    /// Derivatives of each row's model by the strobe's place, numerically, with the pattern in hand.
+    fn differentiate(&mut self, tracks: &[Track], mount: Transform<Body, Strobe>, paths: &PathFor<'_>, solution: &Solution) {
+        let nodes = self.setting.nodes;
+        let beam = BeamPattern::from_nodes(nodes, &self.beam_by_node(&solution.values));
+        let spreading = self.setting.spreading_held();
+        let exponent = if self.setting.fit_exponent { solution.values[self.exponent_at()] } else { 0.0 };
+        let common = |p: &LightPath| beam.log_gain(p.angles) + log_geometry(spreading, self.setting.config.incidence, p) - exponent * p.strobe_to_seafloor_m.ln();
+        let moved = |axis: usize, by: f64| {
+            let mut isometry = mount.isometry();
+            isometry.translation.vector[axis] += by;
+            Transform::from_isometry(isometry)
+        };
+        let alpha: [f64; 3] = std::array::from_fn(|b| if b < self.setting.bands { solution.values[self.beam + b] } else { 0.0 });
+        let observations: Vec<&Observation> = tracks.iter().flatten().collect();
+        for row in &mut self.rows {
+            let o = observations[row.source];
+            for axis in 0..3 {
+                let (Some(ahead), Some(behind)) = (paths(o, moved(axis, STROBE_STEP_M)), paths(o, moved(axis, -STROBE_STEP_M))) else { continue };
+                let per_m = 1.0 / (2.0 * STROBE_STEP_M);
+                let (by_common, by_length) = ((common(&ahead) - common(&behind)) * per_m, (ahead.length_m() - behind.length_m()) * per_m);
+                row.by_strobe.iter_mut().zip(alpha).for_each(|(d, alpha)| d[axis] = by_common - alpha * by_length);
+            }
         }
     }
-    let (rows, ends) = (kept_rows, kept_ends);
-    let unknowns = active.len() + bands + usize::from(fit_exponent);
-    if rows.len() < 2 * unknowns.min(100) || ends.len() < 30 {
-        return None;
-    }
-    let problem = Problem { rows: &rows, ends: &ends, place: &place, bands, beam: active.len(), unknowns, fit_exponent };
 
-    let smooth = problem.smoothness(nodes, config.beam_smoothness);
-    let mut weights = vec![[1.0; 3]; rows.len()];
-    let mut solution = DVector::zeros(unknowns);
-    let mut residual = 0.0;
-    let mut normal = smooth.clone();
-    for _ in 0..config.rounds.max(1) {
-        let (matrix, right) = problem.normal_equations(&weights, &smooth);
-        normal = matrix;
-        solution = normal.clone().cholesky()?.solve(&right);
-        let misfits = problem.misfits(&solution, &weights);
-        (weights, residual) = reweighted(&rows, &misfits, bands);
+    fn beam_by_node(&self, values: &DVector<f64>) -> Vec<Option<f64>> {
+        self.place.iter().map(|i| values.get(*i).copied().filter(|_| *i != usize::MAX)).collect()
     }
-    let covariance = problem.covariance(&normal, &solution, &weights, frames)?;
-    let at = |b: usize| active.len() + b;
-    let mut answer = JointAnswer {
-        attenuation_per_m: [0.0; 3],
-        std_per_m: [0.0; 3],
-        difference_std_per_m: [0.0; 2],
-        exponent: fit_exponent.then(|| (solution[unknowns - 1], covariance[(unknowns - 1 - active.len(), unknowns - 1 - active.len())].sqrt())),
-        beam: place.iter().map(|i| solution.get(*i).copied().filter(|_| *i != usize::MAX)).collect(),
-        tracks: ends.len(),
-        observations: rows.len(),
-        residual,
-        path_spread_m: problem.path_spread_m(),
-    };
-    for b in 0..bands {
-        answer.attenuation_per_m[b] = solution[at(b)];
-        answer.std_per_m[b] = covariance[(b, b)].sqrt();
+
+    /// The solution as an answer, with standard deviations.
+    pub fn answer(&self, solution: &Solution) -> Option<JointAnswer> {
+        let (bands, values) = (self.setting.bands, &solution.values);
+        let covariance = self.covariance(&solution.normal, values, self.beam)?;
+        let std = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+        let mut answer = JointAnswer {
+            attenuation_per_m: [0.0; 3],
+            std_per_m: [0.0; 3],
+            difference_std_per_m: [0.0; 2],
+            exponent: self.setting.fit_exponent.then(|| (values[self.exponent_at()], std(bands))),
+            beam: self.beam_by_node(values),
+            tracks: self.ends.len(),
+            observations: self.rows.len(),
+            residual: solution.residual,
+            path_spread_m: self.path_spread_m(),
+        };
+        for b in 0..bands {
+            answer.attenuation_per_m[b] = values[self.beam + b];
+            answer.std_per_m[b] = std(b);
+        }
+        for b in 0..bands.saturating_sub(1) {
+            answer.difference_std_per_m[b] = (covariance[(b, b)] + covariance[(b + 1, b + 1)] - 2.0 * covariance[(b, b + 1)]).max(0.0).sqrt();
+        }
+        Some(answer)
     }
-    for b in 0..bands.saturating_sub(1) {
-        answer.difference_std_per_m[b] = (covariance[(b, b)] + covariance[(b + 1, b + 1)] - 2.0 * covariance[(b, b + 1)]).max(0.0).sqrt();
+
+    fn tracks(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        std::iter::once(0).chain(self.ends.iter().copied()).zip(self.ends.iter().copied()).map(|(a, b)| a..b)
     }
-    Some(answer)
+
+    /// The non-zero entries of a row's design for one band.
+    fn design(&self, row: &Row, band: usize) -> ([(usize, f64); 9], usize) {
+        let mut entries = [(0, 0.0); 9];
+        let mut n = 0;
+        let mut put = |entry: (usize, f64)| {
+            entries[n] = entry;
+            n += 1;
+        };
+        for (node, weight) in row.nodes {
+            if self.place[node] != usize::MAX {
+                put((self.place[node], weight));
+            }
+        }
+        put((self.beam + band, -row.length_m));
+        if self.setting.fit_exponent {
+            put((self.exponent_at(), -row.log_strobe_leg));
+        }
+        if self.with_strobe {
+            (0..3).for_each(|axis| put((self.strobe_at() + axis, row.by_strobe[band][axis])));
+        }
+        (entries, n)
+    }
+
+    /// Second differences of neighbouring nodes, and a ridge for the one free constant.
+    fn smoothness(&self) -> DMatrix<f64> {
+        let unknowns = self.unknowns();
+        let weight = self.setting.config.beam_smoothness;
+        let mut matrix = DMatrix::from_diagonal_element(unknowns, unknowns, 1e-6);
+        let n = self.setting.nodes.count;
+        for i in 0..n {
+            for j in 0..n {
+                for step in [1, n] {
+                    let inside = if step == 1 { j + 2 < n } else { i + 2 < n };
+                    if !inside {
+                        continue;
+                    }
+                    let three = [0, step, 2 * step].map(|k| self.place[i * n + j + k]);
+                    if three.contains(&usize::MAX) {
+                        continue;
+                    }
+                    for (p, a) in three.iter().zip([1.0, -2.0, 1.0]) {
+                        for (q, b) in three.iter().zip([1.0, -2.0, 1.0]) {
+                            matrix[(*p, *q)] += weight * a * b;
+                        }
+                    }
+                }
+            }
+        }
+        matrix
+    }
+
+    fn normal_equations(&self, smooth: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+        let (mut matrix, mut right) = (smooth.clone(), DVector::zeros(self.unknowns()));
+        let mut sum: Vec<(usize, f64)> = Vec::new();
+        for track in self.tracks() {
+            for b in 0..self.setting.bands {
+                sum.clear();
+                let (mut total, mut total_y) = (0.0, 0.0);
+                for (row, weight) in self.rows[track.clone()].iter().zip(&self.weights[track.clone()]) {
+                    let (w, (entries, n)) = (weight[b], self.design(row, b));
+                    for (p, x) in &entries[..n] {
+                        right[*p] += w * x * row.y[b];
+                        for (q, z) in &entries[..n] {
+                            matrix[(*p, *q)] += w * x * z;
+                        }
+                        match sum.iter_mut().find(|(k, _)| k == p) {
+                            Some((_, s)) => *s += w * x,
+                            None => sum.push((*p, w * x)),
+                        }
+                    }
+                    total += w;
+                    total_y += w * row.y[b];
+                }
+                if total > 1e-12 {
+                    for (p, x) in &sum {
+                        right[*p] -= x * total_y / total;
+                        for (q, z) in &sum {
+                            matrix[(*p, *q)] -= x * z / total;
+                        }
+                    }
+                }
+            }
+        }
+        (matrix, right)
+    }
+
+    /// y − ρ − model per observation and band, raised for the freedom that ρ took.
+    fn misfits(&self, values: &DVector<f64>) -> Vec<[f64; 3]> {
+        let mut misfits = vec![[0.0; 3]; self.rows.len()];
+        for track in self.tracks() {
+            let freedom = freedom(&track);
+            for b in 0..self.setting.bands {
+                let (mut total, mut mean) = (0.0, 0.0);
+                for i in track.clone() {
+                    let (entries, n) = self.design(&self.rows[i], b);
+                    let modelled: f64 = entries[..n].iter().map(|(p, x)| x * values[*p]).sum();
+                    misfits[i][b] = self.rows[i].y[b] - modelled;
+                    total += self.weights[i][b];
+                    mean += self.weights[i][b] * misfits[i][b];
+                }
+                for i in track.clone() {
+                    misfits[i][b] = (misfits[i][b] - mean / total.max(1e-12)) * freedom;
+                }
+            }
+        }
+        misfits
+    }
+
+    /// Covariance of the unknowns from `first` on: A⁻¹ (Σ_s g_s g_sᵀ) A⁻¹ over stretches s of frames.
+    fn covariance(&self, normal: &DMatrix<f64>, values: &DVector<f64>, first: usize) -> Option<DMatrix<f64>> {
+        let (unknowns, frames) = (self.unknowns(), self.setting.frames);
+        let wanted = unknowns - first;
+        let mut unit = DMatrix::zeros(unknowns, wanted);
+        (0..wanted).for_each(|k| unit[(first + k, k)] = 1.0);
+        let inverse_rows = normal.clone().cholesky()?.solve(&unit);
+        let misfits = self.misfits(values);
+        let stretches = STRETCHES.min(frames).max(2);
+        let mut scores = DMatrix::<f64>::zeros(stretches, wanted);
+        let mut projected = Vec::new();
+        for track in self.tracks() {
+            let freedom = freedom(&track);
+            for b in 0..self.setting.bands {
+                let total: f64 = track.clone().map(|i| self.weights[i][b]).sum();
+                for k in 0..wanted {
+                    projected.clear();
+                    projected.extend(track.clone().map(|i| {
+                        let (entries, n) = self.design(&self.rows[i], b);
+                        entries[..n].iter().map(|(p, x)| x * inverse_rows[(*p, k)]).sum::<f64>()
+                    }));
+                    let mean = track.clone().zip(&projected).map(|(i, p)| self.weights[i][b] * p).sum::<f64>() / total.max(1e-12);
+                    for (i, p) in track.clone().zip(&projected) {
+                        let stretch = (self.rows[i].frame as usize * stretches / frames.max(1)).min(stretches - 1);
+                        scores[(stretch, k)] += self.weights[i][b] * misfits[i][b] / freedom * (p - mean);
+                    }
+                }
+            }
+        }
+        let correction = stretches as f64 / (stretches as f64 - 1.0);
+        Some(scores.transpose() * scores * correction)
+    }
+
+    fn path_spread_m(&self) -> f64 {
+        let mut sum = 0.0;
+        for track in self.tracks() {
+            let mean = track.clone().map(|i| self.rows[i].length_m).sum::<f64>() / track.len() as f64;
+            sum += track.map(|i| (self.rows[i].length_m - mean).powi(2)).sum::<f64>();
+        }
+        (sum / self.rows.len().max(1) as f64).sqrt()
+    }
+}
+
+impl Setting<'_> {
+    /// Spreading as far as it is not an unknown.
+    fn spreading_held(&self) -> SpreadingModel {
+        if self.fit_exponent { SpreadingModel { strobe_leg: 0.0, ..self.spreading } } else { self.spreading }
+    }
+}
+
+/// Misfits are small by the freedom that a track's own reflectance takes.
+fn freedom(track: &std::ops::Range<usize>) -> f64 {
+    (track.len() as f64 / (track.len() as f64 - 1.0)).sqrt()
 }
 
 /// Sorts the observations of each band into classes of equal brightness.
-fn classify(rows: &mut [Row], tracks: &[Track], bands: usize) {
-    if tracks.is_empty() || rows.is_empty() {
-        return;
-    }
+fn classify(rows: &mut [Row], bands: usize) {
     for b in 0..bands {
         let values: Vec<f64> = rows.iter().map(|r| r.y[b] - 2.0 * r.log_strobe_leg).collect();
         let edges: Vec<f64> = (1..NOISE_CLASSES).map(|k| robust::quantile(&values, k as f64 / NOISE_CLASSES as f64)).collect();
@@ -207,164 +483,4 @@ fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]
         })
         .collect();
     (weights, residual)
-}
-
-struct Problem<'p> {
-    rows: &'p [Row],
-    ends: &'p [usize],
-    place: &'p [usize],
-    bands: usize,
-    /// unknown nodes; α follow, then the exponent
-    beam: usize,
-    unknowns: usize,
-    fit_exponent: bool,
-}
-
-impl Problem<'_> {
-    fn tracks(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
-        std::iter::once(0).chain(self.ends.iter().copied()).zip(self.ends.iter().copied()).map(|(a, b)| a..b)
-    }
-
-    /// The non-zero entries of a row's design for one band.
-    fn design(&self, row: &Row, band: usize) -> ([(usize, f64); 6], usize) {
-        let mut entries = [(0, 0.0); 6];
-        let mut n = 0;
-        for (node, weight) in row.nodes {
-            if self.place[node] != usize::MAX {
-                entries[n] = (self.place[node], weight);
-                n += 1;
-            }
-        }
-        entries[n] = (self.beam + band, -row.length_m);
-        n += 1;
-        if self.fit_exponent {
-            entries[n] = (self.unknowns - 1, -row.log_strobe_leg);
-            n += 1;
-        }
-        (entries, n)
-    }
-
-    /// Second differences of neighbouring nodes, and a ridge for the one free constant.
-    fn smoothness(&self, nodes: Nodes, weight: f64) -> DMatrix<f64> {
-        let mut matrix = DMatrix::from_diagonal_element(self.unknowns, self.unknowns, 1e-6);
-        let n = nodes.count;
-        for i in 0..n {
-            for j in 0..n {
-                for step in [1, n] {
-                    let inside = if step == 1 { j + 2 < n } else { i + 2 < n };
-                    let first = i * n + j;
-                    if !inside {
-                        continue;
-                    }
-                    let three = [first, first + step, first + 2 * step].map(|k| self.place[k]);
-                    if three.contains(&usize::MAX) {
-                        continue;
-                    }
-                    for (p, a) in three.iter().zip([1.0, -2.0, 1.0]) {
-                        for (q, b) in three.iter().zip([1.0, -2.0, 1.0]) {
-                            matrix[(*p, *q)] += weight * a * b;
-                        }
-                    }
-                }
-            }
-        }
-        matrix
-    }
-
-    fn normal_equations(&self, weights: &[[f64; 3]], smooth: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
-        let (mut matrix, mut right) = (smooth.clone(), DVector::zeros(self.unknowns));
-        let mut sum: Vec<(usize, f64)> = Vec::new();
-        for track in self.tracks() {
-            for b in 0..self.bands {
-                sum.clear();
-                let (mut total, mut total_y) = (0.0, 0.0);
-                for (row, weight) in self.rows[track.clone()].iter().zip(&weights[track.clone()]) {
-                    let (w, (entries, n)) = (weight[b], self.design(row, b));
-                    for (p, x) in &entries[..n] {
-                        right[*p] += w * x * row.y[b];
-                        for (q, z) in &entries[..n] {
-                            matrix[(*p, *q)] += w * x * z;
-                        }
-                        match sum.iter_mut().find(|(k, _)| k == p) {
-                            Some((_, s)) => *s += w * x,
-                            None => sum.push((*p, w * x)),
-                        }
-                    }
-                    total += w;
-                    total_y += w * row.y[b];
-                }
-                if total > 1e-12 {
-                    for (p, x) in &sum {
-                        right[*p] -= x * total_y / total;
-                        for (q, z) in &sum {
-                            matrix[(*p, *q)] -= x * z / total;
-                        }
-                    }
-                }
-            }
-        }
-        (matrix, right)
-    }
-
-    /// y − ρ − model per observation and band, raised for the freedom that ρ took.
-    fn misfits(&self, solution: &DVector<f64>, weights: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        let mut misfits = vec![[0.0; 3]; self.rows.len()];
-        for track in self.tracks() {
-            let freedom = (track.len() as f64 / (track.len() as f64 - 1.0)).sqrt();
-            for b in 0..self.bands {
-                let (mut total, mut mean) = (0.0, 0.0);
-                for i in track.clone() {
-                    let (entries, n) = self.design(&self.rows[i], b);
-                    let modelled: f64 = entries[..n].iter().map(|(p, x)| x * solution[*p]).sum();
-                    misfits[i][b] = self.rows[i].y[b] - modelled;
-                    total += weights[i][b];
-                    mean += weights[i][b] * misfits[i][b];
-                }
-                for i in track.clone() {
-                    misfits[i][b] = (misfits[i][b] - mean / total.max(1e-12)) * freedom;
-                }
-            }
-        }
-        misfits
-    }
-
-    /// Covariance of the unknowns behind the beam's: A⁻¹ (Σ_s g_s g_sᵀ) A⁻¹ over stretches s of frames.
-    fn covariance(&self, normal: &DMatrix<f64>, solution: &DVector<f64>, weights: &[[f64; 3]], frames: usize) -> Option<DMatrix<f64>> {
-        let wanted = self.unknowns - self.beam;
-        let mut unit = DMatrix::zeros(self.unknowns, wanted);
-        (0..wanted).for_each(|k| unit[(self.beam + k, k)] = 1.0);
-        let inverse_rows = normal.clone().cholesky()?.solve(&unit);
-        let misfits = self.misfits(solution, weights);
-        let stretches = STRETCHES.min(frames).max(2);
-        let mut scores = DMatrix::<f64>::zeros(stretches, wanted);
-        for track in self.tracks() {
-            let freedom = (track.len() as f64 / (track.len() as f64 - 1.0)).sqrt();
-            for b in 0..self.bands {
-                let total: f64 = track.clone().map(|i| weights[i][b]).sum();
-                let project = |i: usize, k: usize| {
-                    let (entries, n) = self.design(&self.rows[i], b);
-                    entries[..n].iter().map(|(p, x)| x * inverse_rows[(*p, k)]).sum::<f64>()
-                };
-                for k in 0..wanted {
-                    let mean = track.clone().map(|i| weights[i][b] * project(i, k)).sum::<f64>() / total.max(1e-12);
-                    for i in track.clone() {
-                        let stretch = self.rows[i].frame as usize * stretches / frames.max(1);
-                        scores[(stretch.min(stretches - 1), k)] += weights[i][b] * misfits[i][b] / freedom * (project(i, k) - mean);
-                    }
-                }
-            }
-        }
-        let correction = stretches as f64 / (stretches as f64 - 1.0);
-        Some(scores.transpose() * scores * correction)
-    }
-
-    fn path_spread_m(&self) -> f64 {
-        let mut sum = 0.0;
-        for track in self.tracks() {
-            let n = track.len() as f64;
-            let mean = track.clone().map(|i| self.rows[i].length_m).sum::<f64>() / n;
-            sum += track.map(|i| (self.rows[i].length_m - mean).powi(2)).sum::<f64>();
-        }
-        (sum / self.rows.len().max(1) as f64).sqrt()
-    }
 }

@@ -13,12 +13,14 @@ mod matching;
 mod pairs;
 pub mod robust;
 mod samples;
+mod strobe_search;
 mod tracks;
 
 use std::collections::BTreeMap;
 
 pub use matching::{Matchable, MatchedPair, matches};
 pub use samples::{FrameSamples, Sight, samples};
+pub use strobe_search::{FoundStrobe, search_strobe};
 pub use tracks::{Observation, Track, tracks};
 
 use crate::config::{EstimateConfig, Estimator, Spreading};
@@ -58,7 +60,11 @@ pub struct Samples<'s> {
 
 impl Samples<'_> {
     fn path(&self, o: &Observation) -> Option<LightPath> {
-        o.sight.path(self.frames.get(o.frame as usize)?.normal, self.body_from_strobe)
+        self.path_from(o, self.body_from_strobe)
+    }
+
+    fn path_from(&self, o: &Observation, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
+        o.sight.path(self.frames.get(o.frame as usize)?.normal, body_from_strobe)
     }
 
     fn bands(&self) -> usize {
@@ -141,9 +147,8 @@ fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) 
     let spreading = SpreadingModel::of(config.spreading);
     let bands = samples.bands();
     let fit = config.spreading == Spreading::Fit;
-    let path = |o: &Observation| samples.path(o);
-    let problem = joint::Setting { frames: samples.frames.len(), bands, nodes, spreading, fit_exponent: fit, config };
-    let answer = joint::solve(samples.tracks, &problem, &path).ok_or("the points seen more than once do not hold the unknowns")?;
+    let setting = joint::Setting { frames: samples.frames.len(), bands, nodes, spreading, fit_exponent: fit, rounds: config.rounds, config };
+    let answer = joint::solve(samples.tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount)).ok_or("the points seen more than once do not hold the unknowns")?;
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
     let beam_pattern = completed(&answer.beam, samples, nodes, &answer.attenuation_per_m, spreading, config);
     let model = ImagingModel { bands, attenuation_per_m: answer.attenuation_per_m, spreading, incidence: config.incidence, beam_pattern };

@@ -1,0 +1,83 @@
+//! The strobe that nobody measured: its place from the log itself.
+//!
+//! No public recording holds a strobe's pose, but the residual of the joint solve knows it: 0.2 m fore-and-aft nearly
+//! doubles it. The place, three numbers, joins the unknowns to first order; a step is taken where the residual falls, and
+//! halved where it does not (Gauss-Newton, the pattern solved anew at each place). The orientation does not matter: the
+//! pattern's grid takes it up. From nothing, the search begins at the best of a few places around the camera.
+//! In: tracks. Out: the place in body space [m], its standard deviation, and the residual there.
+
+use nalgebra::Vector3;
+
+use super::joint::{PathFor, Problem, Setting};
+use super::tracks::Track;
+use crate::spaces::{Body, Strobe, Transform};
+
+/// Places tried around the camera before the search begins [m].
+const FIRST_RING_M: f64 = 0.6;
+/// Observations that hold three numbers well enough; more only cost time.
+const MOST_OBSERVATIONS: usize = 16_000;
+const STEPS: usize = 25;
+const LONGEST_STEP_M: f64 = 0.25;
+const SETTLED_M: f64 = 5e-4;
+
+/// Where the light was found.
+#[derive(Clone, Debug)]
+pub struct FoundStrobe {
+    /// its mount: found place, orientation as at the start
+    pub body_from_strobe: Transform<Body, Strobe>,
+    /// standard deviation of the place, per body axis [m]
+    pub std_m: [f64; 3],
+    /// residual of the solve at the start, and where it was found [log light]
+    pub residual: [f64; 2],
+    /// from the start to where it was found [m]
+    pub moved_m: f64,
+}
+
+/// Searches from `start`; `around` adds places beside it, for a start that is a mere guess. `None` where the log
+/// does not hold the solve.
+pub fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Transform<Body, Strobe>, around: bool, paths: &PathFor<'_>) -> Option<FoundStrobe> {
+    let observations: usize = tracks.iter().map(Vec::len).sum();
+    let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
+    let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();
+    let at = |place: Vector3<f64>| {
+        let mut isometry = start.isometry();
+        isometry.translation.vector = place;
+        Transform::from_isometry(isometry)
+    };
+    let residual_at = |place: Vector3<f64>| -> Option<f64> { Some(Problem::new(&some, setting, at(place), paths)?.solve(setting.rounds)?.residual) };
+
+    let mut place = start.origin().vector();
+    let first = residual_at(place)?;
+    let mut residual = first;
+    if around {
+        // Beside the camera, square to where it looks.
+        let (right, down) = (start.isometry().rotation * Vector3::x(), start.isometry().rotation * Vector3::y());
+        for offset in [right, -right, down, -down] {
+            let candidate = start.origin().vector() + offset * FIRST_RING_M;
+            if let Some(r) = residual_at(candidate).filter(|r| *r < residual) {
+                (place, residual) = (candidate, r);
+            }
+        }
+    }
+    let mut std_m = Vector3::repeat(f64::NAN);
+    for _ in 0..STEPS {
+        let mut problem = Problem::new(&some, setting, at(place), paths)?;
+        let solution = problem.solve(setting.rounds)?;
+        let asked = problem.strobe_step(&some, at(place), paths, &solution)?;
+        std_m = asked.std_m;
+        let mut step = asked.step_m * (LONGEST_STEP_M / asked.step_m.norm()).min(1.0);
+        let mut taken = false;
+        for _ in 0..5 {
+            if let Some(r) = residual_at(place + step).filter(|r| *r < residual) {
+                (place, residual, taken) = (place + step, r, true);
+                break;
+            }
+            step *= 0.4;
+        }
+        if !taken || step.norm() < SETTLED_M {
+            break;
+        }
+    }
+    let moved_m = (place - start.origin().vector()).norm();
+    Some(FoundStrobe { body_from_strobe: at(place), std_m: std_m.into(), residual: [first, residual], moved_m })
+}
