@@ -49,7 +49,7 @@ pub enum Command {
     #[command(after_help = "Examples:\n  unwater estimate dive.mcap\n  unwater estimate dive_1.mcap dive_2.mcap -o dive.model.json")]
     Estimate(EstimateArgs),
     /// Show what a log holds, what is missing, and what would be done
-    #[command(after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .camera")]
+    #[command(after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .plan.camera")]
     Inspect(Inspect),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in
     #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml")]

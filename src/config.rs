@@ -88,7 +88,7 @@ impl Default for MatchingConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {
-    /// joint where frames overlap, altitude where they do not
+    /// joint where frames overlap, else pairs, else altitude
     #[default]
     Auto,
     /// attenuation, beam pattern and reflectances in one robust solve
@@ -169,7 +169,7 @@ pub enum Method {
     Attenuation,
     /// the strobe's pattern alone (Fig. 10, bottom left)
     BeamPattern,
-    /// the mean of all frames, as the literature has it (Eq. 14)
+    /// the mean of the frames that pass one saw, as the literature has it (Eq. 14)
     FrameAverage,
 }
 
@@ -287,7 +287,7 @@ macro_rules! settings {
 #[rustfmt::skip]
 pub const SETTINGS: &[Setting] = settings![
     "light.transfer", "auto | linear | srgb | gamma:G", "auto: JPEG, PNG-8 and 8-bit rgb/bgr/mono are sRGB-coded; bayer and 16 bit are linear";
-    "light.white_level", "code", "full scale of 16-bit pictures; found from the largest code of the log where not given";
+    "light.white_level", "code", "full scale of 16-bit pictures; found from the bits their codes use where not given";
     "seafloor.pings_each_side", "pings", "more pings within the window mean less noise; a DVL gives 2 to 15 a second";
     "seafloor.ping_window_s", "s", "a height that curves in time is followed over this long; a ping farther off says little of the floor below the frame";
     "seafloor.max_ping_gap_s", "s", "a frame farther from any ping is not corrected";
@@ -301,7 +301,7 @@ pub const SETTINGS: &[Setting] = settings![
     "matching.inlier_px", "px at detection size", "distance to the homography of the pair";
     "matching.least_inliers", "count", "fewer agree by chance";
     "matching.footprint_px", "px", "standard deviation of the patch in the farther view; the same metres of seafloor in all views, or the log of the mean is biased";
-    "estimate.estimator", "auto | joint | pairs | altitude", "joint where frames overlap, altitude where they do not";
+    "estimate.estimator", "auto | joint | pairs | altitude", "joint where frames overlap, else pairs, else altitude";
     "estimate.spreading", "none | strobe | paper | fit", "the strobe's light falls with 1/ℓ_a² (Eq. 4); without it attenuation is only effective";
     "estimate.incidence", "true | false", "cos γ comes free from the plane";
     "estimate.max_frames", "frames", "pass one's cost levels off as the dive gets longer; stretches are spread over the log";

@@ -79,9 +79,8 @@ fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
 }
 
 fn attenuation_text(model: &ModelFile) -> String {
-    let values: Vec<String> = model.attenuation_per_m.iter().zip(&model.attenuation_std_per_m).map(|(a, s)| format!("{a:.3} ± {s:.3}")).collect();
     let sure = if model.identified { "" } else { ", not identified" };
-    format!("{} per metre ({}, {} estimator{sure})", values.join(" / "), model.attenuation_kind, model.estimator)
+    format!("{} per metre ({}, {} estimator{sure})", model.attenuation_text(), model.attenuation_kind, model.estimator)
 }
 
 /// Ten lines for people.
@@ -308,7 +307,7 @@ fn init(args: &Init) -> Result<Ended> {
 fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)> {
     let (recording, mut scan) = pipeline::open(input, options)?;
     match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
-        Ok(s) => Ok((survey::rig_facts(&s.rig), s.warnings)),
+        Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), s.warnings)),
         Err(e @ (Error::NoMount { .. } | Error::NoCalibration { .. } | Error::NoRanges { .. } | Error::Rig(_))) => {
             // Take what can be had with a stand-in for what is missing, and leave that open in the file.
             let mut stand_in = options.clone();
@@ -331,7 +330,7 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                 let (recording, mut scan) = pipeline::open(input, &stand_in)?;
                 match survey::survey(&recording, &mut scan, &stand_in.selection, &stand_in.rig, &stand_in.config) {
                     Ok(s) => {
-                        let mut facts = survey::rig_facts(&s.rig);
+                        let mut facts = survey::rig_facts(&s.rig, &options.rig);
                         if open_camera {
                             facts.camera = crate::vehicle::CameraFacts {
                                 width: facts.camera.width,

@@ -3,7 +3,7 @@
 //! Linear interpolation over h pixels errs by h²/8 of the second derivative: at 8 px, well under 0.1 % for any beam
 //! that spans a picture. Cells with a corner off the floor are evaluated pixel by pixel.
 
-use super::{Correction, FrameFacts};
+use super::{Correction, FrameFacts, log_removed};
 use crate::geometry::View;
 use crate::image::SensorImage;
 
@@ -65,7 +65,9 @@ impl<'g> GainGrid<'g> {
     /// Gain of one way of light per band, and whether the cap holds it. All bands give way together: hue stays.
     fn gain(&self, path: &crate::geometry::LightPath) -> ([f32; 3], bool) {
         let rendering = self.correction.rendering;
-        let removed: [f64; 3] = std::array::from_fn(|b| if b < self.bands { (-self.correction.log_removed(path, b)).exp() } else { 0.0 });
+        let removed: [f64; 3] = std::array::from_fn(|b| {
+            if b < self.bands { (-log_removed(self.correction.config.method, self.correction.model, path, b)).exp() } else { 0.0 }
+        });
         let most = (0..self.bands).map(|b| removed[b] / rendering.median_correction[b]).fold(0.0, f64::max);
         let held = (self.correction.config.gain_cap / most).min(1.0);
         (std::array::from_fn(|b| if b < self.bands { (removed[b] * held * rendering.gain[b]) as f32 } else { 0.0 }), held < 1.0)
@@ -131,7 +133,7 @@ mod tests {
             beam_pattern: BeamPattern::from_nodes(nodes, &pattern),
         };
         let config = RenderConfig { gain_cap: 1e9, ..RenderConfig::default() };
-        let rendering = RenderingFile { gain: vec![1.0; 3], median_correction: vec![1.0; 3], white_level: None };
+        let rendering = RenderingFile { method: Default::default(), gain: vec![1.0; 3], median_correction: vec![1.0; 3], white_level: None };
         let correction = Correction { model: &model, rendering: &rendering, config: &config, frame_average: None, clipped_above: 1.0 };
         let camera = Camera::from_field_of_view(643, 451, 55.0);
         for pitch_deg in [0.0, 25.0, 66.0f64] {

@@ -14,10 +14,10 @@ mod gain;
 mod rendering;
 
 pub use frame_average::FrameAverage;
-pub use rendering::{corrected_light, rendering};
+pub use rendering::rendering;
 
 use crate::config::{Method, RenderConfig};
-use crate::geometry::View;
+use crate::geometry::{LightPath, View};
 use crate::image::{LinearImage, SensorImage};
 use crate::model::{ImagingModel, RenderingFile};
 use crate::vehicle::Camera;
@@ -97,14 +97,14 @@ impl Correction<'_> {
             facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..grid.facts() },
         }
     }
+}
 
-    /// Log of what is divided out of one band for one way of light, by the method (Fig. 10).
-    fn log_removed(&self, path: &crate::geometry::LightPath, band: usize) -> f64 {
-        match self.config.method {
-            Method::Full | Method::FrameAverage => self.model.log_light(path, band),
-            Method::Attenuation => self.model.log_water(path, band) + self.model.spreading.log_light(path),
-            Method::BeamPattern => self.model.beam_pattern.log_gain(path.angles),
-        }
+/// Log of what a method divides out of one band for one way of light (Fig. 10).
+fn log_removed(method: Method, model: &ImagingModel, path: &LightPath, band: usize) -> f64 {
+    match method {
+        Method::Full | Method::FrameAverage => model.log_light(path, band),
+        Method::Attenuation => model.log_water(path, band) + model.spreading.log_light(path),
+        Method::BeamPattern => model.beam_pattern.log_gain(path.angles),
     }
 }
 

@@ -1,27 +1,29 @@
 //! One exposure and one white balance for a whole log, from the corrected light of its samples.
 //!
-//! Never per image: what is brighter in the output is brighter on the seafloor.
+//! Each method removes something else and so has its own. Never per image: what is brighter in the output is brighter on the seafloor.
 
-use crate::config::{RenderConfig, WhiteBalance};
+use super::log_removed;
+use crate::config::{Method, RenderConfig, WhiteBalance};
 use crate::geometry::LightPath;
 use crate::model::{ImagingModel, RenderingFile};
-
-/// Log of the light of one sample with everything modelled taken away, per band.
-pub fn corrected_light(model: &ImagingModel, log_color: &[f32; 3], path: &LightPath) -> [f64; 3] {
-    std::array::from_fn(|b| if b < model.bands { f64::from(log_color[b]) - model.log_light(path, b) } else { f64::NAN })
-}
 
 /// Samples that need more than this factor over the median correction do not vote: far water beside an oblique
 /// camera would set the exposure of the seafloor.
 const FAR_FACTOR: f64 = 3.0;
+/// Light of a mean pixel where a frame is divided by the mean of all (Eq. 14) [share of white].
+const MEAN_LEVEL: f64 = 0.25;
 
 /// Chooses exposure and white balance from samples (log colour and way of light).
 pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_level: Option<u16>, config: &RenderConfig) -> RenderingFile {
     let bands = model.bands;
-    let medians: Vec<f64> = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -model.log_light(path, b)), 0.5)).collect();
-    let is_near = |path: &LightPath| (0..bands).all(|b| -model.log_light(path, b) <= medians[b] + FAR_FACTOR.ln());
-    let corrected: Vec<[f64; 3]> =
-        samples.iter().filter(|(_, path)| is_near(path)).map(|(color, path)| corrected_light(model, color, path)).collect();
+    let removed = |path: &LightPath, band: usize| log_removed(config.method, model, path, band);
+    let medians: Vec<f64> = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -removed(path, b)), 0.5)).collect();
+    let is_near = |path: &LightPath| (0..bands).all(|b| -removed(path, b) <= medians[b] + FAR_FACTOR.ln());
+    let corrected: Vec<[f64; 3]> = samples
+        .iter()
+        .filter(|(_, path)| is_near(path))
+        .map(|(color, path)| std::array::from_fn(|b| if b < bands { f64::from(color[b]) - removed(path, b) } else { f64::NAN }))
+        .collect();
     let balance: Vec<f64> = match config.white_balance {
         WhiteBalance::None => vec![1.0; bands],
         WhiteBalance::Factors(factors) => factors[..bands].to_vec(),
@@ -35,7 +37,11 @@ pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_
     let highlight = quantile(brightest, config.highlight_quantile);
     let exposure = if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
     let median_correction = medians.iter().map(|m| finite_or_one(m.exp())).collect();
-    RenderingFile { gain: balance.iter().map(|w| finite_or_one(w * exposure)).collect(), median_correction, white_level }
+    let gain = match config.method {
+        Method::FrameAverage => vec![MEAN_LEVEL; bands],
+        _ => balance.iter().map(|w| finite_or_one(w * exposure)).collect(),
+    };
+    RenderingFile { method: config.method, gain, median_correction, white_level }
 }
 
 fn finite_or_one(v: f64) -> f64 {

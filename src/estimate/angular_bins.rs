@@ -6,7 +6,7 @@
 //!
 //! As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one log BP, so the sum of three is three
 //! times log BP, a factor that normalising does not remove. A mean is meant. Assumed: no spatial bias in the
-//! reflectance. Each band's mean over the log is taken out first, so a bin seen more in one band has no bias.
+//! reflectance. A sample counts only where all bands are measured, so no bin leans on one of them.
 
 use super::samples::FrameSamples;
 use crate::geometry::LightPath;

@@ -95,6 +95,8 @@ struct Row {
     length_m: f64,
     log_strobe_leg: f64,
     y: [f64; 3],
+    /// log c, for the class of noise
+    log_color: [f32; 3],
     class: [u8; 3],
     /// which of all observations, in the order of the tracks
     source: usize,
@@ -140,7 +142,8 @@ impl<'s> Problem<'s> {
         let mut views: Vec<Vec<(usize, u32, LightPath, [f32; 3])>> = Vec::with_capacity(tracks.len());
         let mut source = 0;
         for track in tracks {
-            let lit = |(i, o): (usize, &Observation)| Some((source + i, o.frame, paths(o, mount).filter(|p| nodes.holds(p.angles))?, o.sight.log_color));
+            let lit =
+                |(i, o): (usize, &Observation)| Some((source + i, o.frame, paths(o, mount).filter(|p| nodes.holds(p.angles))?, o.sight.log_color));
             let of_track: Vec<_> = track.iter().enumerate().filter_map(lit).collect();
             source += track.len();
             of_track.iter().flat_map(|(_, _, p, _)| nodes.weights(p.angles)).for_each(|(n, w)| seen[n] += w);
@@ -168,6 +171,7 @@ impl<'s> Problem<'s> {
                     length_m: path.length_m(),
                     log_strobe_leg: path.strobe_to_seafloor_m.ln(),
                     y: std::array::from_fn(|b| if b < bands { f64::from(color[b]) - geometry } else { 0.0 }),
+                    log_color: color,
                     class: [0; 3],
                     source,
                     by_strobe: [Vector3::zeros(); 3],
@@ -231,7 +235,9 @@ impl<'s> Problem<'s> {
         let beam = BeamPattern::from_nodes(nodes, &self.beam_by_node(&solution.values));
         let spreading = self.setting.spreading_held();
         let exponent = if self.setting.fit_exponent { solution.values[self.exponent_at()] } else { 0.0 };
-        let common = |p: &LightPath| beam.log_gain(p.angles) + log_geometry(spreading, self.setting.config.incidence, p) - exponent * p.strobe_to_seafloor_m.ln();
+        let common = |p: &LightPath| {
+            beam.log_gain(p.angles) + log_geometry(spreading, self.setting.config.incidence, p) - exponent * p.strobe_to_seafloor_m.ln()
+        };
         let moved = |axis: usize, by: f64| {
             let mut isometry = mount.isometry();
             isometry.translation.vector[axis] += by;
@@ -450,7 +456,7 @@ fn freedom(track: &std::ops::Range<usize>) -> f64 {
 /// Sorts the observations of each band into classes of equal brightness.
 fn classify(rows: &mut [Row], bands: usize) {
     for b in 0..bands {
-        let values: Vec<f64> = rows.iter().map(|r| r.y[b] - 2.0 * r.log_strobe_leg).collect();
+        let values: Vec<f64> = rows.iter().map(|r| f64::from(r.log_color[b])).collect();
         let edges: Vec<f64> = (1..NOISE_CLASSES).map(|k| robust::quantile(&values, k as f64 / NOISE_CLASSES as f64)).collect();
         for (row, value) in rows.iter_mut().zip(&values) {
             row.class[b] = edges.iter().filter(|e| value > e).count() as u8;

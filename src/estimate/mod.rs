@@ -106,8 +106,7 @@ pub fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estima
     let chosen = order.iter().find_map(|name| found.remove_entry(name));
     let Some((estimator, candidate)) = chosen else {
         let reason = order.iter().filter_map(|n| Some(format!("{n}: {}", answers.get(*n)?.note.as_ref()?))).collect::<Vec<_>>().join("; ");
-        let remedy =
-            "use a model from another stretch or dive of the same water and strobe with --model MODEL.json, or --method frame-average".into();
+        let remedy = "use a model from another stretch or dive of the same water and strobe: --model MODEL.json".into();
         return Err(Error::NotEstimated { reason, remedy });
     };
     let not_identified_because = not_identified(&candidate, samples, config);
@@ -148,7 +147,8 @@ fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) 
     let bands = samples.bands();
     let fit = config.spreading == Spreading::Fit;
     let setting = joint::Setting { frames: samples.frames.len(), bands, nodes, spreading, fit_exponent: fit, rounds: config.rounds, config };
-    let answer = joint::solve(samples.tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount)).ok_or("the points seen more than once do not hold the unknowns")?;
+    let answer = joint::solve(samples.tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
+        .ok_or("the points seen more than once do not hold the unknowns")?;
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
     let beam_pattern = completed(&answer.beam, samples, nodes, &answer.attenuation_per_m, spreading, config);
     let model = ImagingModel { bands, attenuation_per_m: answer.attenuation_per_m, spreading, incidence: config.incidence, beam_pattern };

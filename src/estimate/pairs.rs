@@ -62,6 +62,7 @@ pub fn attenuation(
     if pairs.len() < 3 {
         return None;
     }
+    pairs.sort_by_key(|(frame, ..)| *frame); // an image's pairs stand together, as Fig. 8 wants them
     let mut answer = PairsAnswer { pairs: pairs.len(), ..PairsAnswer::default() };
     let mut weights = vec![1.0; pairs.len()];
     for _ in 0..8 {

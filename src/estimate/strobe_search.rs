@@ -35,7 +35,13 @@ pub struct FoundStrobe {
 
 /// Searches from `start`; `around` adds places beside it, for a start that is a mere guess. `None` where the log
 /// does not hold the solve.
-pub fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Transform<Body, Strobe>, around: bool, paths: &PathFor<'_>) -> Option<FoundStrobe> {
+pub fn search_strobe(
+    tracks: &[Track],
+    setting: &Setting<'_>,
+    start: Transform<Body, Strobe>,
+    around: bool,
+    paths: &PathFor<'_>,
+) -> Option<FoundStrobe> {
     let observations: usize = tracks.iter().map(Vec::len).sum();
     let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
     let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();

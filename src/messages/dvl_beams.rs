@@ -41,5 +41,9 @@ pub fn array(facts: &DvlFacts) -> Result<Option<JanusArray>, String> {
         let known = || JanusArray::KNOWN.iter().map(|k| k.0).collect::<Vec<_>>().join(", ");
         return JanusArray::named(name).map(Some).ok_or_else(|| format!("rig file: dvl.beams = {name:?} is not one of {}", known()));
     }
-    Ok(facts.janus_angle_deg.zip(facts.azimuths_deg.clone()).map(|(janus_angle_deg, azimuths_deg)| JanusArray { janus_angle_deg, azimuths_deg }))
+    match (facts.janus_angle_deg, &facts.azimuths_deg) {
+        (Some(janus_angle_deg), Some(azimuths)) => Ok(Some(JanusArray { janus_angle_deg, azimuths_deg: azimuths.clone() })),
+        (None, None) => Ok(None),
+        _ => Err("rig file: dvl.janus_angle_deg and dvl.azimuths_deg belong together".into()),
+    }
 }

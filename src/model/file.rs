@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{BeamPattern, ImagingModel, Nodes, SpreadingModel};
-use crate::config::Spreading;
+use crate::config::{Method, Spreading};
 
 /// The value of `format`.
 pub const FORMAT: &str = "unwater-model";
@@ -44,6 +44,9 @@ pub struct BeamPatternFile {
 /// How corrected light becomes codes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RenderingFile {
+    /// the method it was chosen for
+    #[serde(default)]
+    pub method: Method,
     /// output = gain × corrected light, per band; exposure and white balance in one
     pub gain: Vec<f64>,
     /// median over the log of the factor each pixel is multiplied by before `gain`, per band (the cap refers to it)
@@ -84,8 +87,8 @@ pub struct ModelFile {
     pub incidence: bool,
     /// α [1/m]
     pub attenuation_per_m: Vec<f64>,
-    /// its standard deviation [1/m]
-    pub attenuation_std_per_m: Vec<f64>,
+    /// its standard deviation [1/m]; `null` where the log cannot tell
+    pub attenuation_std_per_m: Vec<Option<f64>>,
     /// `physical` where spreading is modelled, else `effective`
     pub attenuation_kind: String,
     /// whether the log can tell
@@ -181,6 +184,14 @@ impl ModelFile {
             incidence: self.incidence,
             beam_pattern: self.beam_pattern.pattern()?,
         })
+    }
+
+    /// α ± its standard deviation per band, for people.
+    pub fn attenuation_text(&self) -> String {
+        let std = |s: &Option<f64>| s.map_or_else(|| "?".into(), |s| format!("{s:.4}"));
+        let values: Vec<String> =
+            self.attenuation_per_m.iter().zip(&self.attenuation_std_per_m).map(|(a, s)| format!("{a:.4} ± {}", std(s))).collect();
+        values.join(" / ")
     }
 
     /// As text, keys in order, ending in a newline.

@@ -11,12 +11,13 @@ use std::path::Path;
 
 use sha2::Digest;
 
-use crate::config::{Config, Method, Spreading};
+use crate::config::{Config, Estimator, Method, Spreading};
 use crate::correct::{Correction, rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, MatchedPair, Samples, estimate, tracks};
+use crate::estimate::{Estimate, FrameSamples, MatchedPair, Samples, estimate, tracks};
 use crate::geometry::LightPath;
-use crate::model::{BeamPatternFile, FORMAT, InputFile, ModelFile, SpreadingModel};
+use crate::image::Container;
+use crate::model::{BeamPatternFile, FORMAT, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel};
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::vehicle::RigFile;
@@ -142,18 +143,27 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
     let only = only.map_err(|e| Error::Usage(format!("--only: {e}")))?;
     let threads = Threads::new(options.threads);
     let mut prepared = prepare(input, options)?;
-    let wants_average = options.config.render.method == Method::FrameAverage;
-    let mut average = None;
-    let file = match model {
-        Some(file) if !wants_average => file,
-        given => {
+    let method = options.config.render.method;
+    let (file, collected) = match model {
+        // Exposure goes with what is removed: a model made for another method is shown anew, from samples without keypoints.
+        Some(file) if file.rendering.method == method && method != Method::FrameAverage => (file, None),
+        Some(mut file) => {
+            let mut quick = options.clone();
+            quick.config.estimate.estimator = Estimator::Altitude;
+            let collected = pass_one(&prepared, &quick, &threads, progress)?;
+            let imaging_model = file.imaging_model().map_err(Error::Usage)?;
+            file.rendering = shown(&collected.frames, &imaging_model, &prepared.survey, &options.config);
+            (file, Some(collected))
+        }
+        None => {
             let mut collected = pass_one(&prepared, options, &threads, progress)?;
-            average = Some(std::mem::take(&mut collected.average));
-            given.map_or_else(|| model_of(vec![(&prepared, collected)], options), Ok)?
+            let average = std::mem::take(&mut collected.average);
+            (model_of(vec![(&prepared, collected)], options)?, Some(Collected { average, ..Collected::default() }))
         }
     };
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
     prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
+    ensure_not_corrected(&prepared, &options.config, only.as_ref())?;
     let source_sha256 = sha256(prepared.recording.bytes());
     let out = Output::create(output, &prepared.recording.profile, &options.config.output)?;
     let imaging_model = file.imaging_model().map_err(Error::Usage)?;
@@ -161,10 +171,10 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
         model: &imaging_model,
         rendering: &file.rendering,
         config: &options.config.render,
-        frame_average: average.as_ref().filter(|a| !a.is_empty()),
+        frame_average: collected.as_ref().map(|c| &c.average).filter(|a| !a.is_empty()),
         clipped_above: options.config.estimate.clipped_above as f32,
     };
-    let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig)).unwrap_or_default();
+    let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();
     let pass_two = PassTwo {
         recording: &prepared.recording,
         scan: &prepared.scan,
@@ -178,8 +188,7 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
         rig_toml: &rig_toml,
         only,
     };
-    let mut report = pass_two.run(out, &threads, progress)?;
-    report.warnings.extend(file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")));
+    let report = pass_two.run(out, &threads, progress)?;
     Ok((report, file))
 }
 
@@ -222,7 +231,15 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     Ok(file_of(found, shown, inputs, config))
 }
 
-fn file_of(found: Estimate, rendering: crate::model::RenderingFile, inputs: Vec<InputFile>, config: &Config) -> ModelFile {
+/// Exposure and white balance, from the samples' corrected light.
+fn shown(frames: &[FrameSamples], model: &ImagingModel, survey: &Survey, config: &Config) -> RenderingFile {
+    let mount = survey.rig.strobe.body_from_strobe;
+    let lit = frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, mount)?))));
+    let lit: Vec<([f32; 3], LightPath)> = lit.collect();
+    rendering(&lit, model, survey.white_level, &config.render)
+}
+
+fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, config: &Config) -> ModelFile {
     let bands = found.model.bands;
     let SpreadingModel { strobe_leg, camera_leg } = found.model.spreading;
     ModelFile {
@@ -232,7 +249,7 @@ fn file_of(found: Estimate, rendering: crate::model::RenderingFile, inputs: Vec<
         spreading_exponents: Some([strobe_leg, camera_leg]),
         incidence: found.model.incidence,
         attenuation_per_m: found.model.attenuation_per_m[..bands].to_vec(),
-        attenuation_std_per_m: found.attenuation_std_per_m[..bands].to_vec(),
+        attenuation_std_per_m: found.attenuation_std_per_m[..bands].iter().map(|s| s.is_finite().then_some(*s)).collect(),
         attenuation_kind: if config.estimate.spreading == Spreading::None { "effective" } else { "physical" }.into(),
         identified: found.not_identified_because.is_none(),
         not_identified_because: found.not_identified_because,
@@ -243,6 +260,19 @@ fn file_of(found: Estimate, rendering: crate::model::RenderingFile, inputs: Vec<
         segments: Vec::new(),
         rendering,
         inputs,
+    }
+}
+
+/// Refuses a log that holds what would be added: old and new would be one channel.
+fn ensure_not_corrected(prepared: &Prepared, config: &Config, only: Option<&regex::Regex>) -> Result<()> {
+    let corrected = corrected_topic(&prepared.survey.camera_topic, output_container(prepared.survey.container, config) != Container::Raw);
+    let is_ours = |topic: &str| topic == corrected || topic.starts_with("/unwater/");
+    match prepared.recording.channels.values().find(|c| is_ours(&c.topic) && only.is_none_or(|o| o.is_match(&c.topic))) {
+        Some(channel) => Err(Error::Usage(format!(
+            "the log holds {} already: it has been corrected before; correct the original, or leave these topics out with --only",
+            channel.topic
+        ))),
+        None => Ok(()),
     }
 }
 

@@ -119,7 +119,6 @@ impl PassTwo<'_> {
         let kept = self.copy_declarations(&mut out, &mut report)?;
         let added = self.add_channels(&mut out, container)?;
         let srgb = SrgbTable::new();
-        let rectified = self.config.render.rectify.then(|| self.survey.rig.camera.rectified());
 
         progress.begin(Step::Correct, self.survey.frames.len());
         let mut next_frame = 0;
@@ -140,7 +139,7 @@ impl PassTwo<'_> {
         let work = |item| match item {
             Item::Other(m) => Outcome::Other(m),
             Item::Damaged => Outcome::Damaged,
-            Item::Frame(index, m) => Outcome::Frame(Box::new(self.frame(index, m, container, &srgb, rectified.as_ref()))),
+            Item::Frame(index, m) => Outcome::Frame(Box::new(self.frame(index, m, container, &srgb))),
         };
         let mut tally = Tally::default();
         ordered_map(items, BATCH_BYTES, weigh, threads, work, |outcome| -> Result<()> {
@@ -153,7 +152,16 @@ impl PassTwo<'_> {
                     }
                 }
                 Outcome::Frame(done) => {
-                    if kept.get(&done.message.channel).copied().unwrap_or(false) {
+                    let keep = match kept.get(&done.message.channel) {
+                        Some(true) => true,
+                        // `--drop-raw` leaves out what has a corrected twin; a frame without one is all there is of it.
+                        Some(false) if self.config.output.drop_raw && done.result.is_err() => {
+                            self.copy_channel(&mut out, done.message.channel)?;
+                            true
+                        }
+                        _ => false,
+                    };
+                    if keep {
                         out.copy(&done.message)?;
                         report.messages_copied += 1;
                     }
@@ -180,8 +188,14 @@ impl PassTwo<'_> {
             dvl_topic: self.survey.dvl_topic.clone(),
             method: method_name(self.config.render.method).into(),
             remarks: self.survey.remarks.clone(),
-            warnings: self.survey.warnings.clone(),
-            damage: self.scan.damage.clone(),
+            warnings: self
+                .survey
+                .warnings
+                .iter()
+                .cloned()
+                .chain(self.file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")))
+                .collect(),
+            damage: self.scan.damage.iter().cloned().chain(self.scan.homeless_damage()).collect(),
             ..Report::default()
         }
     }
@@ -197,20 +211,21 @@ impl PassTwo<'_> {
             let keep = !raw && self.only.as_ref().is_none_or(|only| only.is_match(&channel.topic));
             kept.insert(*id, keep);
             if keep {
-                let known = channel.schema_id == 0 || self.recording.schemas.contains_key(&channel.schema_id);
-                if !known {
+                if channel.schema_id != 0 && !self.recording.schemas.contains_key(&channel.schema_id) {
                     report
                         .warnings
                         .push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
                 }
-                let channel = crate::recording::Channel { schema_id: if known { channel.schema_id } else { 0 }, ..channel.clone() };
-                out.copy_channel(*id, &channel)?;
+                self.copy_channel(out, *id)?;
             }
         }
-        if self.scan.homeless > 0 {
-            report.warnings.push(format!("{} messages belong to no channel and are left out", self.scan.homeless));
-        }
         Ok(kept)
+    }
+
+    fn copy_channel(&self, out: &mut Output, id: u16) -> Result<()> {
+        let Some(channel) = self.recording.channels.get(&id) else { return Ok(()) };
+        let schema_id = if self.recording.schemas.contains_key(&channel.schema_id) { channel.schema_id } else { 0 };
+        out.copy_channel(id, &crate::recording::Channel { schema_id, ..channel.clone() })
     }
 
     fn add_channels(&self, out: &mut Output, container: Container) -> Result<Added> {
@@ -237,7 +252,7 @@ impl PassTwo<'_> {
     }
 
     /// One frame, on whichever core: decode, find its plane, correct, encode.
-    fn frame(&self, index: usize, message: Message, container: Container, srgb: &SrgbTable, rectified: Option<&crate::vehicle::Camera>) -> Done {
+    fn frame(&self, index: usize, message: Message, container: Container, srgb: &SrgbTable) -> Done {
         let mut said = Heading::default();
         let mut plane = None;
         let result = (|| {
@@ -260,7 +275,8 @@ impl PassTwo<'_> {
                 return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
             }
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
-            let Corrected { image, facts } = self.correction.apply(picture.image, &view, rectified);
+            let Corrected { image, facts } =
+                self.correction.apply(picture.image, &view, self.config.render.rectify.then(|| camera.rectified()).as_ref());
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }
@@ -328,7 +344,9 @@ impl PassTwo<'_> {
             }
         }
         let alpha = padded(&self.file.attenuation_per_m);
-        let attenuation = output::headed(&done.heading).f64_array(&alpha).f64_array(&padded(&self.file.attenuation_std_per_m));
+        let attenuation = output::headed(&done.heading)
+            .f64_array(&alpha)
+            .f64_array(&padded(&self.file.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect::<Vec<_>>()));
         put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish())?;
         put(out, added.plot_attenuation, &output::multi_array("red_green_blue", &self.file.attenuation_per_m))?;
         if let Some(plane) = &done.plane {
@@ -371,10 +389,8 @@ impl PassTwo<'_> {
     }
 
     fn opening_lines(&self) -> Vec<(Level, String)> {
-        let alpha: Vec<String> =
-            self.file.attenuation_per_m.iter().zip(&self.file.attenuation_std_per_m).map(|(a, s)| format!("{a:.3} ± {s:.3}")).collect();
-        let kind = &self.file.attenuation_kind;
-        let mut lines = vec![(Level::Info, format!("{kind} attenuation {} per metre, by the {} estimator", alpha.join(" / "), self.file.estimator))];
+        let (alpha, kind) = (self.file.attenuation_text(), &self.file.attenuation_kind);
+        let mut lines = vec![(Level::Info, format!("{kind} attenuation {alpha} per metre, by the {} estimator", self.file.estimator))];
         lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
         lines.extend(self.survey.warnings.iter().map(|w| (Level::Warn, w.clone())));
         lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));

@@ -70,6 +70,8 @@ pub struct Scan {
     pub span: Option<(u64, u64)>,
     /// messages whose channel is nowhere declared
     pub homeless: u64,
+    /// the stretch that was walked
+    pub window: Window,
 }
 
 /// Decoders for the channels known so far; complaints about schemas that cannot be parsed.
@@ -88,7 +90,7 @@ fn is_probed(index: usize) -> bool {
 /// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window.
 pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
     let mut scan =
-        Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0 };
+        Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0, window };
     for (id, channel) in &recording.channels {
         let mut of_channel = ChannelScan::default();
         match decoder(recording, channel) {
@@ -118,6 +120,12 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
 }
 
 impl Scan {
+    /// Messages of no declared channel, as the loss they are.
+    pub fn homeless_damage(&self) -> Option<Damage> {
+        let reason = format!("{} messages belong to no channel and are left out", self.homeless);
+        (self.homeless > 0).then_some(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })
+    }
+
     fn take(&mut self, message: &Message, window: Window, dvl: &DvlFacts) {
         let inside = window.holds(message.log_time);
         let Some(channel) = self.channels.get_mut(&message.channel) else {
@@ -136,6 +144,10 @@ impl Scan {
             return;
         }
         if let Err(complaint) = channel.read(decoder, kind, message, dvl) {
+            // A picture that cannot be read is still a frame: both passes count it.
+            if matches!(kind, Kind::Picture(_)) {
+                channel.frames.push(FrameRef { stamp: message.logged(), logged: message.logged() });
+            }
             channel.unreadable.0 += 1;
             channel.unreadable.1.get_or_insert(complaint);
         }

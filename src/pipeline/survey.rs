@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Pings;
 use crate::image::Container;
 use crate::messages::{Edge, Kind};
-use crate::recording::Recording;
+use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Camera, MountFacts, Rig, RigFile, StrobeMount};
@@ -238,8 +238,8 @@ fn channels_of(recording: &Recording, scan: &Scan, topic: &str, wanted: impl Fn(
 fn frames_in_file_order(recording: &Recording, scan: &Scan, channels: &[u16]) -> Vec<FrameRef> {
     let mut next: BTreeMap<u16, usize> = BTreeMap::new();
     let mut frames = Vec::new();
-    for entry in recording.messages(crate::recording::Window::ALL) {
-        if let crate::recording::Entry::Message(message) = entry
+    for entry in recording.messages(scan.window) {
+        if let Entry::Message(message) = entry
             && channels.contains(&message.channel)
             && let Some(channel) = scan.channels.get(&message.channel)
         {
@@ -451,9 +451,9 @@ fn attitude(
     (Some(name), AttitudeTrack::new(samples.collect(), config.seafloor.max_attitude_gap_s))
 }
 
-/// The rig as a rig file, for `init` and for the output's attachment.
-pub fn rig_facts(rig: &Rig) -> RigFile {
-    let mut file = RigFile::default();
+/// The rig as a rig file, with what the user gave of the instrument: for `init` and for the output's attachment.
+pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
+    let mut file = RigFile { dvl: given.dvl.clone(), ..RigFile::default() };
     file.camera.width = Some(rig.camera.width);
     file.camera.height = Some(rig.camera.height);
     file.camera.fx = Some(rig.camera.fx);

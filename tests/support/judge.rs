@@ -109,5 +109,12 @@ fn verdict(truth: &Truth, dive: &Dive, pictures: &[LinearImage], model: ModelFil
     let level = median(&mut steps.clone());
     let beam_log_rmse = (steps.iter().map(|s| (s - level).powi(2)).sum::<f64>() / steps.len() as f64).sqrt();
     let attenuation_error_per_m = (0..bands).map(|b| model.attenuation_per_m[b] - truth.attenuation_per_m[true_band(b)]).collect();
-    Verdict { attenuation_error_per_m, attenuation_std_per_m: model.attenuation_std_per_m.clone(), beam_log_rmse, reflectance_error, model, report }
+    Verdict {
+        attenuation_error_per_m,
+        attenuation_std_per_m: model.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect(),
+        beam_log_rmse,
+        reflectance_error,
+        model,
+        report,
+    }
 }
