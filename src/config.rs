@@ -229,7 +229,7 @@ impl Default for RenderConfig {
             highlight_quantile: 0.995,
             highlight_level: 0.75,
             gain_cap: 8.0,
-            gain_step_px: 8,
+            gain_step_px: 4,
             rectify: false,
             image_format: ImageFormat::Auto,
             jpeg_quality: 95,
@@ -321,7 +321,7 @@ pub const SETTINGS: &[Setting] = settings![
     "render.highlight_quantile", "share", "one exposure per log: this share of the seafloor stays below highlight_level";
     "render.highlight_level", "share of white", "room above for single bright pixels";
     "render.gain_cap", "times the log's median gain", "beyond it a picture would show noise, not seafloor";
-    "render.gain_step_px", "px", "the gain is evaluated on this grid and interpolated; within 0.1 %";
+    "render.gain_step_px", "px", "the gain is evaluated on this grid and interpolated; within 0.2 %";
     "render.rectify", "true | false", "undo lens distortion as well (Fig. 2)";
     "render.image_format", "auto | jpeg | png | raw | same", "auto: PNG where the source is PNG or depth is 16, else JPEG";
     "render.jpeg_quality", "1 to 100", "95 hides nothing";
