@@ -24,6 +24,7 @@ fn main() {
         ("bayer16, clear", Box::new(plain), joint.clone()),
         ("bayer16, clear, pairs", Box::new(plain), pairs),
         ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), joint.clone()),
+        ("strobe not given", Box::new(move |s| Dive { with_strobe_mount: false, ..plain(s) }), joint.clone()),
         ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), joint.clone()),
     ];
     println!(

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Compression, Config, Estimator, ImageFormat, Method, Spreading, with_nearest_key};
+use crate::config::{Compression, Config, Estimator, ImageFormat, Method, Spreading, StrobePosition, with_nearest_key};
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
 use crate::pipeline::{Options, survey::Selection};
@@ -195,6 +195,9 @@ pub struct EstimateOptions {
     /// How the strobe's light spreads
     #[arg(long, value_enum, value_name = "NAME")]
     pub spreading: Option<Spreading>,
+    /// What is done about where the strobe sits
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub strobe_position: Option<StrobePosition>,
     /// Frames that pass one looks at, at most
     #[arg(long, value_name = "N")]
     pub max_frames: Option<usize>,
@@ -267,6 +270,7 @@ impl Shared {
         set(&mut config.light.transfer, self.transfer);
         set(&mut config.estimate.estimator, estimate.estimator);
         set(&mut config.estimate.spreading, estimate.spreading);
+        set(&mut config.estimate.strobe_position, estimate.strobe_position);
         set(&mut config.estimate.max_frames, estimate.max_frames);
         set(&mut config.render.method, render.method);
         set(&mut config.render.image_format, render.image_format);

@@ -114,6 +114,21 @@ pub enum Spreading {
     Fit,
 }
 
+/// What is done about where the strobe sits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum StrobePosition {
+    /// found where no pose is given; a given one is checked, and a better one reported
+    #[default]
+    Auto,
+    /// as given, or at the camera; nothing is searched
+    Fixed,
+    /// searched from the given pose on
+    Refine,
+    /// searched from nothing, whatever is given
+    Find,
+}
+
 /// Pass one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -122,6 +137,7 @@ pub struct EstimateConfig {
     pub estimator: Estimator,
     pub spreading: Spreading,
     pub incidence: bool,
+    pub strobe_position: StrobePosition,
     pub max_frames: usize,
     pub attenuation_floor_per_m: f64,
     pub sweeps: usize,
@@ -142,6 +158,7 @@ impl Default for EstimateConfig {
             estimator: Estimator::Auto,
             spreading: Spreading::Strobe,
             incidence: true,
+            strobe_position: StrobePosition::Auto,
             max_frames: 400,
             attenuation_floor_per_m: 0.0,
             sweeps: 6,
@@ -150,7 +167,7 @@ impl Default for EstimateConfig {
             dark_below: 0.0015,
             beam_limit_deg: 70.0,
             beam_nodes: 41,
-            beam_smoothness: 3.0,
+            beam_smoothness: 0.05,
             rounds: 12,
             least_pairs: 200,
             least_altitude_spread: 1.15,
@@ -304,6 +321,7 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.estimator", "auto | joint | pairs | altitude", "joint where frames overlap, else pairs, else altitude";
     "estimate.spreading", "none | strobe | paper | fit", "the strobe's light falls with 1/ℓ_a² (Eq. 4); without it attenuation is only effective";
     "estimate.incidence", "true | false", "cos γ comes free from the plane";
+    "estimate.strobe_position", "auto | fixed | refine | find", "0.2 m off doubles the residual and moves attenuation by 0.02 per metre; the log knows the place";
     "estimate.max_frames", "frames", "pass one's cost levels off as the dive gets longer; stretches are spread over the log";
     "estimate.attenuation_floor_per_m", "1/m", "the paper leaves out per-image values below 0.1; 0 keeps all";
     "estimate.sweeps", "count", "rounds of beam pattern and attenuation, 'we also recompute' (§IV-C)";
@@ -312,7 +330,7 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.dark_below", "share of full scale", "the mean of a log is not the log of a mean: noise near black biases logs down";
     "estimate.beam_limit_deg", "deg", "the beam pattern's grid reaches from minus to plus this in θ and φ";
     "estimate.beam_nodes", "count", "nodes of that grid per axis";
-    "estimate.beam_smoothness", "1", "weight of the grid's second differences against one observation";
+    "estimate.beam_smoothness", "1", "weight of the grid's second differences against one observation; stiffer patterns pull the strobe's place by centimetres";
     "estimate.rounds", "count", "reweightings of the robust solve";
     "estimate.least_pairs", "count", "fewer matches do not hold three coefficients and a beam pattern";
     "estimate.least_altitude_spread", "ratio", "highest over lowest altitude below which attenuation is not identified";

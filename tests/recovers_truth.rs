@@ -107,3 +107,27 @@ fn a_log_without_attitude_is_still_corrected() {
     let (v, truth) = judged(&Dive { seed: 71, frames: 32, with_imu: false, tilt_deg: 1.0, ..Dive::default() }, &Options::default());
     assert_near("no attitude", &v, &truth, 0.06, 0.05, 0.04);
 }
+
+/// No public recording holds a strobe's pose: the log knows where it is.
+#[test]
+fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
+    let dive = Dive { seed: 81, frames: 40, with_strobe_mount: false, ..Dive::default() };
+    let (v, truth) = judged(&dive, &Options::default());
+    let strobe = v.model.strobe.as_ref().expect("a strobe");
+    assert_eq!(strobe.source, "found");
+    // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
+    let from_camera: Vec<f64> = truth.strobe_position_in_base.iter().zip([0.34, -0.10, -0.12]).map(|(s, c)| s - c).collect();
+    let ought = [-from_camera[1], -from_camera[0], -from_camera[2]];
+    let off = strobe.position_in_optical_m.iter().zip(ought).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off < 0.06, "found {off:.3} m off: {:?} instead of {ought:?}", strobe.position_in_optical_m);
+    assert!(v.attenuation_error_per_m.iter().all(|e| e.abs() < 0.01), "{:.4?}", v.attenuation_error_per_m);
+
+    // The same dive with a pose that is 0.3 m off: kept, as it was given, and contradicted.
+    let mut wrong = Options::default();
+    let place = truth.strobe_position_in_base;
+    let mount =
+        format!("[strobe.mount]\ntranslation_m = [{}, {}, {}]\nrotation_xyzw = [0.7071, -0.7071, 0.0, 0.0]\n", place[0] + 0.3, place[1], place[2]);
+    wrong.rig = toml::from_str(&mount).expect("a rig");
+    let (v, _) = judged(&dive, &wrong);
+    assert!(v.report.warnings.iter().any(|w| w.contains("contradicts")), "{:?}", v.report.warnings);
+}

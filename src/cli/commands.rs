@@ -95,6 +95,11 @@ fn summary(report: &Report, model: &ModelFile, given: bool, output: &Path) -> St
     }
     let source = if given { ", from the model given" } else { "" };
     line("attenuation", &format!("{}{source}", attenuation_text(model)));
+    if let Some(strobe) = model.strobe.as_ref().filter(|s| s.source == "found" || s.source == "refined") {
+        let [x, y, z] = strobe.position_in_optical_m;
+        let std = strobe.position_std_m.map_or_else(String::new, |s| format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt()));
+        line("strobe", &format!("{}, at [{x:.3}, {y:.3}, {z:.3}]{std} m from the camera (right, down, ahead)", strobe.source));
+    }
     if let Some([low, high]) = report.camera_altitude_m {
         let planes: Vec<String> = report.planes.iter().map(|(k, v)| format!("{v} {k}")).collect();
         line("altitude", &format!("{low:.2} to {high:.2} m (planes: {})", planes.join(", ")));
@@ -130,6 +135,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
     let (model, warnings) = pipeline::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
     if !args.shared.quiet {
         complain(&warnings, &[], args.shared.verbose);
+        complain(&model.warnings, &[], args.shared.verbose);
         if let Some(why) = &model.not_identified_because {
             eprintln!("warning: attenuation is not identified: {why}");
         }

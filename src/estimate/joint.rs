@@ -47,6 +47,8 @@ pub struct Setting<'s> {
     pub spreading: SpreadingModel,
     /// whether p_a is an unknown
     pub fit_exponent: bool,
+    /// whether the strobe's place came from this log too, so that α is less sure by it
+    pub free_strobe: bool,
     /// reweightings
     pub rounds: usize,
     /// the choices
@@ -129,7 +131,10 @@ pub struct Solution {
 /// Solves for all tracks; `None` where too little is seen.
 pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Transform<Body, Strobe>, paths: &PathFor<'_>) -> Option<JointAnswer> {
     let mut problem = Problem::new(tracks, setting, mount, paths)?;
-    let solution = problem.solve(setting.rounds)?;
+    let mut solution = problem.solve(setting.rounds)?;
+    if setting.free_strobe {
+        solution = problem.with_free_strobe(tracks, mount, paths, &solution)?;
+    }
     problem.answer(&solution)
 }
 
@@ -218,15 +223,21 @@ impl<'s> Problem<'s> {
 
     /// The step of the strobe that would lower the misfits most, to first order, with everything else free.
     pub fn strobe_step(&mut self, tracks: &[Track], mount: Transform<Body, Strobe>, paths: &PathFor<'_>, solution: &Solution) -> Option<StrobeStep> {
+        let free = self.with_free_strobe(tracks, mount, paths, solution)?;
+        let at = self.strobe_at();
+        let covariance = self.covariance(&free.normal, &free.values, at)?;
+        self.with_strobe = false;
+        let std_m = Vector3::new(covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)]).map(f64::sqrt);
+        Some(StrobeStep { step_m: Vector3::new(free.values[at], free.values[at + 1], free.values[at + 2]), std_m })
+    }
+
+    /// The same problem with the strobe's place as three more unknowns, to first order.
+    fn with_free_strobe(&mut self, tracks: &[Track], mount: Transform<Body, Strobe>, paths: &PathFor<'_>, solution: &Solution) -> Option<Solution> {
         self.differentiate(tracks, mount, paths, solution);
         self.with_strobe = true;
         let (normal, right) = self.normal_equations(&self.smoothness());
         let values = normal.clone().cholesky()?.solve(&right);
-        let at = self.strobe_at();
-        let covariance = self.covariance(&normal, &values, at)?;
-        self.with_strobe = false;
-        let std_m = Vector3::new(covariance[(0, 0)], covariance[(1, 1)], covariance[(2, 2)]).map(f64::sqrt);
-        Some(StrobeStep { step_m: Vector3::new(values[at], values[at + 1], values[at + 2]), std_m })
+        Some(Solution { values, normal, residual: solution.residual })
     }
 
     /// Derivatives of each row's model by the strobe's place, numerically, with the pattern in hand.
@@ -427,7 +438,9 @@ impl<'s> Problem<'s> {
                 }
             }
         }
-        let correction = stretches as f64 / (stretches as f64 - 1.0);
+        // Few stretches: their own spread is uncertain, by Student's factor (about 1.12 for twelve).
+        let n = stretches as f64;
+        let correction = n / (n - 1.0) * (1.0 + 1.3 / (n - 1.0)).powi(2);
         Some(scores.transpose() * scores * correction)
     }
 

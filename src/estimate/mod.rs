@@ -23,7 +23,7 @@ pub use samples::{FrameSamples, Sight, samples};
 pub use strobe_search::{FoundStrobe, search_strobe};
 pub use tracks::{Observation, Track, tracks};
 
-use crate::config::{EstimateConfig, Estimator, Spreading};
+use crate::config::{EstimateConfig, Estimator, Spreading, StrobePosition};
 use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
@@ -56,6 +56,8 @@ pub struct Samples<'s> {
     pub tracks: &'s [Track],
     /// where the light sits
     pub body_from_strobe: Transform<Body, Strobe>,
+    /// whether that came from these samples themselves
+    pub strobe_is_found: bool,
 }
 
 impl Samples<'_> {
@@ -113,6 +115,72 @@ pub fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estima
     Ok(Estimate { model: candidate.model, attenuation_std_per_m: candidate.std_per_m, estimator, answers, not_identified_because })
 }
 
+/// Where the light is taken to sit, and how that came about.
+#[derive(Clone, Debug)]
+pub struct PlacedStrobe {
+    /// its mount
+    pub body_from_strobe: Transform<Body, Strobe>,
+    /// `found` or `refined`, where it was searched for and taken
+    pub source: Option<&'static str>,
+    /// the search, where there was one
+    pub search: Option<FoundStrobe>,
+    /// what the user must know
+    pub warning: Option<String>,
+}
+
+/// A place that moved less than this, or less than three standard deviations, does not contradict the given one [m].
+const CONTRADICTION_M: f64 = 0.06;
+/// A place less sure than this is not found [m].
+const UNSURE_M: f64 = 0.15;
+
+/// Finds, refines or checks the strobe's place. `is_known` says whether `samples.body_from_strobe` is a measured pose;
+/// where it is not, it is the camera's.
+pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConfig) -> PlacedStrobe {
+    let start = samples.body_from_strobe;
+    let kept = |warning: Option<String>, search| PlacedStrobe { body_from_strobe: start, source: None, search, warning };
+    let choice = match (config.strobe_position, is_known) {
+        (StrobePosition::Auto, false) => StrobePosition::Find,
+        (chosen, _) => chosen,
+    };
+    let at_camera = "where the strobe sits is not known, and the log cannot tell: the light is taken to sit at the camera, which biases attenuation; write [strobe.mount] into a rig file";
+    let unknown = || (!is_known).then(|| String::from(at_camera));
+    if choice == StrobePosition::Fixed || samples.tracks.len() < config.least_pairs {
+        return kept(unknown(), None);
+    }
+    // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place by centimetres.
+    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let spreading = SpreadingModel::of(config.spreading);
+    let setting = joint::Setting {
+        frames: samples.frames.len(),
+        bands: samples.bands(),
+        nodes,
+        spreading,
+        fit_exponent: false,
+        free_strobe: false,
+        rounds: 5,
+        config,
+    };
+    let found = search_strobe(samples.tracks, &setting, start, choice == StrobePosition::Find, &|o, mount| samples.path_from(o, mount));
+    let Some(found) = found else { return kept(unknown(), None) };
+    let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
+    let is_sure = std.is_finite() && std < UNSURE_M;
+    let take = |source| PlacedStrobe { body_from_strobe: found.body_from_strobe, source: Some(source), search: Some(found.clone()), warning: None };
+    match choice {
+        StrobePosition::Find if is_sure => take("found"),
+        StrobePosition::Refine if is_sure => take("refined"),
+        StrobePosition::Find | StrobePosition::Refine => kept(unknown(), Some(found)),
+        _ if is_sure && found.moved_m > CONTRADICTION_M.max(3.0 * std) && found.residual[1] < 0.9 * found.residual[0] => {
+            let p = found.body_from_strobe.origin().vector();
+            let sentence = format!(
+                "the log contradicts the strobe's given place: it fits better {:.2} m away, at [{:.3}, {:.3}, {:.3}] in the vehicle (± {std:.3} m; residual {:.4} instead of {:.4}); use it with --strobe-position refine",
+                found.moved_m, p.x, p.y, p.z, found.residual[1], found.residual[0]
+            );
+            kept(Some(sentence), Some(found))
+        }
+        _ => kept(None, Some(found)),
+    }
+}
+
 /// Samples and grid → an answer, or a sentence why there is none.
 type EstimatorOf = fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>;
 
@@ -146,7 +214,16 @@ fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) 
     let spreading = SpreadingModel::of(config.spreading);
     let bands = samples.bands();
     let fit = config.spreading == Spreading::Fit;
-    let setting = joint::Setting { frames: samples.frames.len(), bands, nodes, spreading, fit_exponent: fit, rounds: config.rounds, config };
+    let setting = joint::Setting {
+        frames: samples.frames.len(),
+        bands,
+        nodes,
+        spreading,
+        fit_exponent: fit,
+        free_strobe: samples.strobe_is_found,
+        rounds: config.rounds,
+        config,
+    };
     let answer = joint::solve(samples.tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
         .ok_or("the points seen more than once do not hold the unknowns")?;
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };

@@ -41,6 +41,21 @@ pub struct BeamPatternFile {
     pub log_gain: Vec<Vec<Option<f64>>>,
 }
 
+/// Where the strobe was taken to sit; the beam pattern's angles are about its axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StrobeFile {
+    /// place in the camera's optical space [m]
+    pub position_in_optical_m: [f64; 3],
+    /// turn, optical_from_strobe, as a quaternion x, y, z, w
+    pub rotation_xyzw: [f64; 4],
+    /// the TF frame or file it came from, or `found`, `refined`, `camera` (nothing better was known)
+    pub source: String,
+    /// standard deviation of the place along the vehicle's axes, where it was searched for [m]
+    pub position_std_m: Option<[f64; 3]>,
+    /// from where the search began to where it ended [m]
+    pub moved_m: Option<f64>,
+}
+
 /// How corrected light becomes codes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RenderingFile {
@@ -103,8 +118,14 @@ pub struct ModelFile {
     pub estimators: BTreeMap<String, EstimatorAnswer>,
     /// BP
     pub beam_pattern: BeamPatternFile,
+    /// where the light sits
+    #[serde(default)]
+    pub strobe: Option<StrobeFile>,
     /// not modelled yet
     pub backscatter: Option<serde_json::Value>,
+    /// what the user must know of it
+    #[serde(default)]
+    pub warnings: Vec<String>,
     /// stretches of the log with their own attenuation
     pub segments: Vec<serde_json::Value>,
     /// exposure and white balance

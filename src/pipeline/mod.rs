@@ -14,13 +14,14 @@ use sha2::Digest;
 use crate::config::{Config, Estimator, Method, Spreading};
 use crate::correct::{Correction, rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, FrameSamples, MatchedPair, Samples, estimate, tracks};
+use crate::estimate::{Estimate, FrameSamples, MatchedPair, PlacedStrobe, Samples, estimate, place_strobe, tracks};
 use crate::geometry::LightPath;
 use crate::image::Container;
-use crate::model::{BeamPatternFile, FORMAT, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel};
+use crate::model::{BeamPatternFile, FORMAT, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile};
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
-use crate::vehicle::RigFile;
+use crate::spaces::{Body, Optical, Strobe, Transform};
+use crate::vehicle::{MountFacts, Rig, RigFile, StrobeMount};
 
 use ordered_map::Threads;
 use pass_one::{Collected, collect};
@@ -152,7 +153,8 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
             quick.config.estimate.estimator = Estimator::Altitude;
             let collected = pass_one(&prepared, &quick, &threads, progress)?;
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
-            file.rendering = shown(&collected.frames, &imaging_model, &prepared.survey, &options.config);
+            let mount = strobe_of(&file, &prepared.survey.rig).body_from_strobe;
+            file.rendering = shown(&collected.frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
             (file, Some(collected))
         }
         None => {
@@ -161,6 +163,8 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
             (model_of(vec![(&prepared, collected)], options)?, Some(Collected { average, ..Collected::default() }))
         }
     };
+    // The pattern's angles are about the strobe that the model was made with.
+    prepared.survey.rig.strobe = strobe_of(&file, &prepared.survey.rig);
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
     prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
     ensure_not_corrected(&prepared, &options.config, only.as_ref())?;
@@ -222,21 +226,43 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     }
     let config = &options.config;
     let tracks = tracks(&frames, &pairs);
-    let body_from_strobe = first.survey.rig.strobe.body_from_strobe;
-    let samples = Samples { frames: &frames, tracks: &tracks, body_from_strobe };
+    let given = &first.survey.rig.strobe;
+    let mut samples = Samples { frames: &frames, tracks: &tracks, body_from_strobe: given.body_from_strobe, strobe_is_found: false };
+    let placed = place_strobe(&samples, given.source.is_some(), &config.estimate);
+    (samples.body_from_strobe, samples.strobe_is_found) = (placed.body_from_strobe, placed.source.is_some());
     let found = estimate(&samples, &config.estimate)?;
-    let lit: Vec<([f32; 3], LightPath)> =
-        frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, body_from_strobe)?)))).collect();
-    let shown = rendering(&lit, &found.model, first.survey.white_level, &config.render);
-    Ok(file_of(found, shown, inputs, config))
+    let rendering = shown(&frames, &found.model, placed.body_from_strobe, first.survey.white_level, config);
+    let strobe = strobe_file(&placed, &first.survey.rig);
+    Ok(ModelFile { strobe: Some(strobe), warnings: placed.warning.into_iter().collect(), ..file_of(found, rendering, inputs, config) })
 }
 
 /// Exposure and white balance, from the samples' corrected light.
-fn shown(frames: &[FrameSamples], model: &ImagingModel, survey: &Survey, config: &Config) -> RenderingFile {
-    let mount = survey.rig.strobe.body_from_strobe;
+fn shown(frames: &[FrameSamples], model: &ImagingModel, mount: Transform<Body, Strobe>, white_level: Option<u16>, config: &Config) -> RenderingFile {
     let lit = frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, mount)?))));
     let lit: Vec<([f32; 3], LightPath)> = lit.collect();
-    rendering(&lit, model, survey.white_level, &config.render)
+    rendering(&lit, model, white_level, &config.render)
+}
+
+/// The strobe a model was made with, in this rig; the rig's own where the model says nothing.
+fn strobe_of(file: &ModelFile, rig: &Rig) -> StrobeMount {
+    match &file.strobe {
+        Some(s) => {
+            let optical_from_strobe: Transform<Optical, Strobe> = Transform::from_parts(s.position_in_optical_m, s.rotation_xyzw);
+            StrobeMount { body_from_strobe: rig.body_from_optical * optical_from_strobe, source: Some(s.source.clone()) }
+        }
+        None => rig.strobe.clone(),
+    }
+}
+
+fn strobe_file(placed: &PlacedStrobe, rig: &Rig) -> StrobeFile {
+    let facts = MountFacts::of((rig.body_from_optical.inverse() * placed.body_from_strobe).isometry());
+    StrobeFile {
+        position_in_optical_m: facts.translation_m,
+        rotation_xyzw: facts.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0]),
+        source: placed.source.map(String::from).or_else(|| rig.strobe.source.clone()).unwrap_or_else(|| "camera".into()),
+        position_std_m: placed.search.as_ref().map(|s| s.std_m).filter(|s| s.iter().all(|v| v.is_finite())),
+        moved_m: placed.search.as_ref().map(|s| s.moved_m),
+    }
 }
 
 fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, config: &Config) -> ModelFile {
@@ -256,7 +282,9 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         estimator: found.estimator.into(),
         estimators: found.answers,
         beam_pattern: BeamPatternFile::of(&found.model.beam_pattern),
+        strobe: None,
         backscatter: None,
+        warnings: Vec::new(),
         segments: Vec::new(),
         rendering,
         inputs,

@@ -192,6 +192,7 @@ impl PassTwo<'_> {
                 .survey
                 .warnings
                 .iter()
+                .chain(&self.file.warnings)
                 .cloned()
                 .chain(self.file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")))
                 .collect(),
@@ -392,7 +393,7 @@ impl PassTwo<'_> {
         let (alpha, kind) = (self.file.attenuation_text(), &self.file.attenuation_kind);
         let mut lines = vec![(Level::Info, format!("{kind} attenuation {alpha} per metre, by the {} estimator", self.file.estimator))];
         lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
-        lines.extend(self.survey.warnings.iter().map(|w| (Level::Warn, w.clone())));
+        lines.extend(self.survey.warnings.iter().chain(&self.file.warnings).map(|w| (Level::Warn, w.clone())));
         lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));
         lines
     }

@@ -387,10 +387,7 @@ fn strobe_mount(
     // `strobe_link` with `strobe_optical_frame` below it is one light, not two.
     let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
     match (if optical.is_empty() { &lights } else { &optical }).as_slice() {
-        [] => {
-            warnings.push("where the strobe sits is not known: the light is taken to sit at the camera, which biases attenuation; name its frame with --strobe-frame or write [strobe.mount] into a rig file".into());
-            Ok(StrobeMount { body_from_strobe: Transform::from_isometry(body_from_optical.isometry()), source: None })
-        }
+        [] => Ok(StrobeMount { body_from_strobe: Transform::from_isometry(body_from_optical.isometry()), source: None }),
         [one] => Ok(StrobeMount { body_from_strobe: in_tf(one).unwrap_or_else(Transform::identity), source: Some((*one).into()) }),
         several => {
             warnings.push(format!("several lights in the TF tree ({}): the first is used; name one with --strobe-frame", several.join(", ")));
@@ -462,8 +459,8 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     file.camera.cy = Some(rig.camera.cy);
     file.camera.distortion_model = Some(rig.camera.distortion.name().into());
     file.camera.distortion = Some(rig.camera.distortion.coefficients());
-    file.camera.mount = Some(MountFacts::of(rig.body_from_optical));
-    file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl));
-    file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe));
+    file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
+    file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
+    file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe.isometry()));
     file
 }

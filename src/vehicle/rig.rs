@@ -68,9 +68,8 @@ impl MountFacts {
         }
     }
 
-    /// The facts of a known transform.
-    pub fn of<S>(transform: Transform<Body, S>) -> Self {
-        let isometry = transform.isometry();
+    /// The facts of a known pose.
+    pub fn of(isometry: nalgebra::Isometry3<f64>) -> Self {
         let (t, q) = (isometry.translation.vector, isometry.rotation);
         Self { translation_m: [t.x, t.y, t.z], rotation_xyzw: Some([q.i, q.j, q.k, q.w]), roll_pitch_yaw_deg: None }
     }
