@@ -25,11 +25,14 @@ fn main() {
         ("bayer16, clear, pairs", Box::new(plain), pairs),
         ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), joint.clone()),
         ("strobe not given", Box::new(move |s| Dive { with_strobe_mount: false, ..plain(s) }), joint.clone()),
+        ("5 % at half power", Box::new(move |s| Dive { half_power_frames: 0.05, ..plain(s) }), joint.clone()),
+        ("backscatter 10 %, unmodelled", Box::new(move |s| Dive { backscatter: 0.1, ..plain(s) }), joint.clone()),
+        ("alpha drifts by 30 %", Box::new(move |s| Dive { attenuation_drift: 0.3, ..plain(s) }), joint.clone()),
         ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), joint.clone()),
     ];
     println!(
-        "{:<26} {:>24} {:>24} {:>8} {:>21} {:>7}",
-        "case", "mean error of alpha", "worst error of alpha", "beam", "reflectance error", "in 95 %"
+        "{:<29} {:>24} {:>24} {:>8} {:>21} {:>7} {:>10}",
+        "case", "mean error of alpha", "worst error of alpha", "beam", "reflectance error", "in 95 %", "identified"
     );
     let folder = std::env::temp_dir().join(format!("unwater-accuracy-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
@@ -43,12 +46,13 @@ fn main() {
             .map(|v| v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count())
             .sum();
         println!(
-            "{name:<26} {:>24} {:>24} {:>8.4} {:>21} {:>6.0}%",
+            "{name:<29} {:>24} {:>24} {:>8.4} {:>21} {:>6.0}% {:>7}/{n:.0}",
             three(&|b| mean(&|v| v.attenuation_error_per_m[b])),
             three(&|b| verdicts.iter().map(|v| v.attenuation_error_per_m[b].abs()).fold(0.0, f64::max)),
             mean(&|v| v.beam_log_rmse),
             three(&|b| mean(&|v| v.reflectance_error[b])),
             100.0 * held as f64 / (3.0 * n),
+            verdicts.iter().filter(|v| v.model.identified).count(),
         );
     }
     let _gone = std::fs::remove_dir_all(folder);

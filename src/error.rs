@@ -48,8 +48,6 @@ pub enum Error {
     Usage(String),
     #[error("attenuation cannot be estimated: {reason}; {remedy}")]
     NotEstimated { reason: String, remedy: String },
-    #[error("the command was interrupted")]
-    Interrupted,
 }
 
 /// What every fallible function of the library returns.

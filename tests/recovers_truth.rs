@@ -131,3 +131,24 @@ fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
     let (v, _) = judged(&dive, &wrong);
     assert!(v.report.warnings.iter().any(|w| w.contains("contradicts")), "{:?}", v.report.warnings);
 }
+
+#[test]
+fn frames_at_half_power_are_found_and_set_right() {
+    let dive = Dive { seed: 91, frames: 40, half_power_frames: 0.05, ..Dive::default() };
+    let (v, truth) = judged(&dive, &Options::default());
+    let halved: Vec<i64> = truth.frames.iter().filter(|f| f.gain < 1.0).map(|f| f.stamp_ns as i64).collect();
+    let found: Vec<i64> = v.model.frame_gains.iter().map(|g| g.stamp_ns).collect();
+    assert_eq!(found, halved);
+    assert!(v.model.frame_gains.iter().all(|g| (g.gain - 0.5).abs() < 0.01), "{:?}", v.model.frame_gains);
+    assert_near("half power", &v, &truth, 0.03, 0.05, 0.03);
+    assert!(v.report.warnings.iter().any(|w| w.contains("drop-outs")), "{:?}", v.report.warnings);
+}
+
+/// What is not modelled must not pass for an answer.
+#[test]
+fn backscatter_and_a_single_altitude_are_called_not_identified() {
+    let (v, _) = judged(&Dive { seed: 101, frames: 40, backscatter: 0.3, ..Dive::default() }, &Options::default());
+    assert!(!v.model.identified && v.report.warnings.iter().any(|w| w.contains("scatters back")), "{:?}", v.report.warnings);
+    let (v, _) = judged(&Dive { seed: 102, frames: 24, altitude_m: (2.0, 2.05), ..Dive::default() }, &Options::default());
+    assert!(!v.model.identified && v.report.warnings.iter().any(|w| w.contains("altitude hardly varies")), "{:?}", v.report.warnings);
+}

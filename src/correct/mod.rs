@@ -73,12 +73,15 @@ pub struct Corrected {
 
 impl Correction<'_> {
     /// Corrects one frame: a mosaic first, while each pixel is one band, then all bands. With the camera of a
-    /// rectified picture, lens distortion is undone as well.
-    pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, rectified: Option<&Camera>) -> Corrected {
+    /// rectified picture, lens distortion is undone as well. `frame_gain` is the light this frame got over its neighbours'.
+    pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, frame_gain: f64, rectified: Option<&Camera>) -> Corrected {
         let pixels = (raw.light.width * raw.light.height) as f64;
         let shares =
             |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
         let clipped_input_share = shares(&raw.light, self.clipped_above);
+        if frame_gain != 1.0 {
+            raw.light.pixels.iter_mut().for_each(|v| *v /= frame_gain as f32);
+        }
         let grid = GainGrid::new(self, view, raw.light.width, raw.light.height, raw.bands());
         let average = self.frame_average.filter(|_| self.config.method == Method::FrameAverage);
         if average.is_none() {

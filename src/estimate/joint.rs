@@ -106,6 +106,9 @@ struct Row {
     by_strobe: [Vector3<f64>; 3],
 }
 
+/// One view with its way of light: which of all observations, frame, path, log c.
+type Lit = (usize, u32, LightPath, [f32; 3]);
+
 /// The linear problem of one strobe mount.
 pub struct Problem<'s> {
     setting: Setting<'s>,
@@ -144,7 +147,7 @@ impl<'s> Problem<'s> {
         let Setting { bands, nodes, .. } = *setting;
         let spreading = setting.spreading_held();
         let mut seen = vec![0.0; nodes.count * nodes.count];
-        let mut views: Vec<Vec<(usize, u32, LightPath, [f32; 3])>> = Vec::with_capacity(tracks.len());
+        let mut views: Vec<Vec<Lit>> = Vec::with_capacity(tracks.len());
         let mut source = 0;
         for track in tracks {
             let lit =

@@ -7,6 +7,7 @@
 
 mod altitude_slope;
 mod angular_bins;
+mod frame_gains;
 mod joint;
 mod keypoints;
 mod matching;
@@ -128,6 +129,34 @@ pub struct PlacedStrobe {
     pub warning: Option<String>,
 }
 
+/// Log gains of the frames that got another amount of light than their neighbours; 0 for all others.
+///
+/// Where frames do not overlap there is no telling, and all are 0.
+pub fn uneven_light(samples: &Samples<'_>, config: &EstimateConfig) -> Vec<f64> {
+    let none = vec![0.0; samples.frames.len()];
+    let quick = EstimateConfig {
+        rounds: 6,
+        spreading: if config.spreading == Spreading::Fit { Spreading::Strobe } else { config.spreading },
+        ..config.clone()
+    };
+    match by_joint_solve(samples, Nodes::new(config.beam_nodes, config.beam_limit_deg), &quick) {
+        Ok(candidate) => frame_gains::frame_gains(samples, &candidate.model),
+        Err(_) => none,
+    }
+}
+
+/// Takes gains out of the samples, so that all frames are lit alike.
+pub fn set_right(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[f64]) {
+    for (frame, gain) in frames.iter_mut().zip(log_gains).filter(|(_, g)| **g != 0.0) {
+        frame.grid.iter_mut().for_each(|(_, sight)| sight.log_color.iter_mut().for_each(|v| *v -= *gain as f32));
+        frame.mean_light.iter_mut().for_each(|v| *v /= gain.exp());
+    }
+    for o in tracks.iter_mut().flatten() {
+        let gain = log_gains[o.frame as usize] as f32;
+        o.sight.log_color.iter_mut().for_each(|v| *v -= gain);
+    }
+}
+
 /// A place that moved less than this, or less than three standard deviations, does not contradict the given one [m].
 const CONTRADICTION_M: f64 = 0.06;
 /// A place less sure than this is not found [m].
@@ -190,6 +219,8 @@ struct Candidate {
     std_per_m: Bands,
     answer: EstimatorAnswer,
     path_spread_m: Option<f64>,
+    /// α and its standard deviation from the lower half of the frames [1/m]
+    low: Option<(Bands, Bands)>,
 }
 
 impl Candidate {
@@ -203,7 +234,7 @@ impl Candidate {
             details: details.iter().map(|(k, v)| (String::from(*k), *v)).collect(),
             note: None,
         };
-        Self { model, std_per_m, answer, path_spread_m: None }
+        Self { model, std_per_m, answer, path_spread_m: None, low: None }
     }
 }
 
@@ -237,8 +268,26 @@ fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) 
     if let Some((exponent, std)) = answer.exponent {
         details.extend([("spreading_exponent", exponent), ("spreading_exponent_std", std)]);
     }
+    let low = low_answer(samples, &setting);
+    if let Some(low) = &low {
+        let names = ["low_frames_red_per_m", "low_frames_green_per_m", "low_frames_blue_per_m"];
+        details.extend(names.iter().zip(low.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
+    }
     let candidate = Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details);
-    Ok(Candidate { path_spread_m: Some(answer.path_spread_m), ..candidate })
+    Ok(Candidate { path_spread_m: Some(answer.path_spread_m), low: low.map(|l| (l.attenuation_per_m, l.std_per_m)), ..candidate })
+}
+
+/// The same solve on the lower half of the frames alone: what scatters back grows with height, and so the two part.
+fn low_answer(samples: &Samples<'_>, setting: &joint::Setting<'_>) -> Option<joint::JointAnswer> {
+    let altitudes: Vec<f64> = samples.frames.iter().map(|f| f.camera_altitude_m).collect();
+    let middle = robust::median(&altitudes);
+    let low: Vec<Track> = samples
+        .tracks
+        .iter()
+        .map(|t| t.iter().copied().filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.camera_altitude_m <= middle)).collect())
+        .filter(|t: &Track| t.len() >= 2)
+        .collect();
+    joint::solve(&low, setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
 }
 
 /// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both are known.
@@ -328,6 +377,9 @@ fn settled(before: &Bands, after: &Bands) -> bool {
     before.iter().zip(after).all(|(a, b)| (a - b).abs() < 1e-4)
 }
 
+/// α of the lower half of the frames may differ from that of all by this much, whatever the noise says [1/m].
+const LEAST_PARTING_PER_M: f64 = 0.03;
+
 /// Why the number cannot be trusted, if it cannot.
 fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &EstimateConfig) -> Option<String> {
     let model = &candidate.model;
@@ -337,7 +389,7 @@ fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Estimat
     if least <= 0.0 {
         return Some(format!("an attenuation of {least:.3} per metre is not physical: altitude and light cannot be told apart in this log"));
     }
-    if spread < config.least_altitude_spread && candidate.path_spread_m.is_none_or(|p| p < 0.1) {
+    if spread.is_nan() || spread < config.least_altitude_spread {
         return Some(format!("altitude hardly varies (the highest is {spread:.2} times the lowest)"));
     }
     if candidate.path_spread_m.is_some_and(|p| p < 0.05) {
@@ -345,6 +397,17 @@ fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Estimat
             "points are seen from nearly the same distance (path lengths differ by {:.3} m)",
             candidate.path_spread_m.unwrap_or_default()
         ));
+    }
+    if let Some((low, low_std)) = &candidate.low {
+        for b in 0..model.bands {
+            let (all, std) = (model.attenuation_per_m[b], candidate.std_per_m[b].hypot(low_std[b]));
+            if (low[b] - all).abs() > LEAST_PARTING_PER_M.max(4.0 * std) {
+                return Some(format!(
+                    "the lower half of the frames alone says {:.3} per metre where all say {all:.3}: light that the water scatters back is not modelled, or the light changed",
+                    low[b]
+                ));
+            }
+        }
     }
     (worst > 0.08).then(|| format!("the estimate is uncertain by {worst:.2} per metre"))
 }

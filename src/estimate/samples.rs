@@ -15,6 +15,7 @@ use crate::config::{EstimateConfig, MatchingConfig};
 use crate::geometry::{LightPath, View, light_path};
 use crate::image::SensorImage;
 use crate::spaces::{Body, Direction, Point, Strobe, Transform};
+use crate::units::Stamp;
 
 use super::keypoints::{Keypoint, keypoints};
 
@@ -50,6 +51,8 @@ pub struct KeypointSight {
 pub struct FrameSamples {
     /// index of the frame in the log
     pub frame: usize,
+    /// when it was taken
+    pub stamp: Stamp,
     /// the plane's normal
     pub normal: Direction<Body>,
     /// height of the camera over it [m]
@@ -82,7 +85,7 @@ fn footprint_m(rung: i32) -> f64 {
 
 /// Takes the samples of one frame.
 pub fn samples(
-    frame: usize,
+    (frame, stamp): (usize, Stamp),
     image: &SensorImage,
     view: &View<'_>,
     with_keypoints: bool,
@@ -91,6 +94,7 @@ pub fn samples(
 ) -> FrameSamples {
     let mut taken = FrameSamples {
         frame,
+        stamp,
         normal: view.plane.normal,
         camera_altitude_m: view.camera_altitude_m(),
         bands: image.bands(),

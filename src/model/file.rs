@@ -41,6 +41,15 @@ pub struct BeamPatternFile {
     pub log_gain: Vec<Vec<Option<f64>>>,
 }
 
+/// A frame that got another amount of light than its neighbours.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameGainFile {
+    /// its time [ns]
+    pub stamp_ns: i64,
+    /// its light over its neighbours'
+    pub gain: f64,
+}
+
 /// Where the strobe was taken to sit; the beam pattern's angles are about its axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StrobeFile {
@@ -123,6 +132,9 @@ pub struct ModelFile {
     pub strobe: Option<StrobeFile>,
     /// not modelled yet
     pub backscatter: Option<serde_json::Value>,
+    /// frames that got another amount of light (strobe drop-outs); all others have gain 1
+    #[serde(default)]
+    pub frame_gains: Vec<FrameGainFile>,
     /// what the user must know of it
     #[serde(default)]
     pub warnings: Vec<String>,

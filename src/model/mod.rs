@@ -16,7 +16,7 @@ mod beam_pattern;
 mod file;
 
 pub use beam_pattern::{BeamPattern, Nodes};
-pub use file::{BeamPatternFile, EstimatorAnswer, FORMAT, InputFile, ModelFile, RenderingFile, StrobeFile};
+pub use file::{BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, RenderingFile, StrobeFile};
 
 use crate::config::Spreading;
 use crate::geometry::LightPath;

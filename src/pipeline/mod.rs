@@ -14,10 +14,10 @@ use sha2::Digest;
 use crate::config::{Config, Estimator, Method, Spreading};
 use crate::correct::{Correction, rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, FrameSamples, MatchedPair, PlacedStrobe, Samples, estimate, place_strobe, tracks};
+use crate::estimate::{Estimate, FrameSamples, MatchedPair, PlacedStrobe, Samples, Track, estimate, place_strobe, set_right, tracks, uneven_light};
 use crate::geometry::LightPath;
 use crate::image::Container;
-use crate::model::{BeamPatternFile, FORMAT, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile};
+use crate::model::{BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile};
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::spaces::{Body, Optical, Strobe, Transform};
@@ -225,15 +225,33 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
         return Err(Error::NotEstimated { reason, remedy: "`unwater inspect` says what is missing".into() });
     }
     let config = &options.config;
-    let tracks = tracks(&frames, &pairs);
+    let mut tracks = tracks(&frames, &pairs);
     let given = &first.survey.rig.strobe;
-    let mut samples = Samples { frames: &frames, tracks: &tracks, body_from_strobe: given.body_from_strobe, strobe_is_found: false };
+    let given_strobe = (given.body_from_strobe, false);
+    let log_gains = uneven_light(&samples_of(&frames, &tracks, given_strobe), &config.estimate);
+    set_right(&mut frames, &mut tracks, &log_gains);
+    let mut samples = samples_of(&frames, &tracks, given_strobe);
     let placed = place_strobe(&samples, given.source.is_some(), &config.estimate);
     (samples.body_from_strobe, samples.strobe_is_found) = (placed.body_from_strobe, placed.source.is_some());
     let found = estimate(&samples, &config.estimate)?;
     let rendering = shown(&frames, &found.model, placed.body_from_strobe, first.survey.white_level, config);
     let strobe = strobe_file(&placed, &first.survey.rig);
-    Ok(ModelFile { strobe: Some(strobe), warnings: placed.warning.into_iter().collect(), ..file_of(found, rendering, inputs, config) })
+    let uneven = frames.iter().zip(&log_gains).filter(|(_, g)| **g != 0.0);
+    let frame_gains: Vec<FrameGainFile> = uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
+    let mut warnings: Vec<String> = placed.warning.into_iter().collect();
+    if !frame_gains.is_empty() {
+        warnings
+            .push(format!("{} frames got another amount of light than their neighbours (strobe drop-outs); they are set right", frame_gains.len()));
+    }
+    Ok(ModelFile { strobe: Some(strobe), frame_gains, warnings, ..file_of(found, rendering, inputs, config) })
+}
+
+fn samples_of<'s>(
+    frames: &'s [FrameSamples],
+    tracks: &'s [Track],
+    (body_from_strobe, strobe_is_found): (Transform<Body, Strobe>, bool),
+) -> Samples<'s> {
+    Samples { frames, tracks, body_from_strobe, strobe_is_found }
 }
 
 /// Exposure and white balance, from the samples' corrected light.
@@ -284,6 +302,7 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         beam_pattern: BeamPatternFile::of(&found.model.beam_pattern),
         strobe: None,
         backscatter: None,
+        frame_gains: Vec::new(),
         warnings: Vec::new(),
         segments: Vec::new(),
         rendering,

@@ -81,7 +81,7 @@ pub fn collect(
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane };
-        let taken = samples(index, &image, &view, with_keypoints, &config.matching, &config.estimate);
+        let taken = samples((index, stamp), &image, &view, with_keypoints, &config.matching, &config.estimate);
         Some((taken, wants_average.then(|| image.into_bands())))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));

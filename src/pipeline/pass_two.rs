@@ -15,6 +15,7 @@ use crate::model::{ImagingModel, ModelFile};
 use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
 use crate::report::{Reason, Report};
 use crate::spaces::Direction;
+use crate::units::Stamp;
 
 use super::ordered_map::{Threads, ordered_map};
 use super::scan::Scan;
@@ -277,7 +278,7 @@ impl PassTwo<'_> {
             }
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
             let Corrected { image, facts } =
-                self.correction.apply(picture.image, &view, self.config.render.rectify.then(|| camera.rectified()).as_ref());
+                self.correction.apply(picture.image, &view, self.frame_gain(stamp), self.config.render.rectify.then(|| camera.rectified()).as_ref());
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }
@@ -285,6 +286,11 @@ impl PassTwo<'_> {
             Ok((self.encoded(&said, &image, container, subsampled, srgb).map_err(Reason::Unencodable)?, facts))
         })();
         Done { message, heading: said, plane, result }
+    }
+
+    /// Light of a frame over its neighbours', where pass one saw it stand out.
+    fn frame_gain(&self, stamp: Stamp) -> f64 {
+        self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
     }
 
     fn encoded(
