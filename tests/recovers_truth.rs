@@ -151,4 +151,9 @@ fn backscatter_and_a_single_altitude_are_called_not_identified() {
     assert!(!v.model.identified && v.report.warnings.iter().any(|w| w.contains("scatters back")), "{:?}", v.report.warnings);
     let (v, _) = judged(&Dive { seed: 102, frames: 24, altitude_m: (2.0, 2.05), ..Dive::default() }, &Options::default());
     assert!(!v.model.identified && v.report.warnings.iter().any(|w| w.contains("altitude hardly varies")), "{:?}", v.report.warnings);
+    assert!(
+        v.report.warnings.iter().all(|w| !w.contains("contradicts")),
+        "from one height nothing can be said of the strobe: {:?}",
+        v.report.warnings
+    );
 }

@@ -78,6 +78,10 @@ impl Samples<'_> {
         let altitudes: Vec<f64> = self.frames.iter().map(|f| f.camera_altitude_m).collect();
         robust::quantile(&altitudes, 0.95) / robust::quantile(&altitudes, 0.05)
     }
+
+    fn altitude_varies(&self, config: &EstimateConfig) -> bool {
+        self.altitude_spread() >= config.least_altitude_spread
+    }
 }
 
 /// Runs the estimators and chooses among them.
@@ -173,7 +177,9 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     };
     let at_camera = "where the strobe sits is not known, and the log cannot tell: the light is taken to sit at the camera, which biases attenuation; write [strobe.mount] into a rig file";
     let unknown = || (!is_known).then(|| String::from(at_camera));
-    if choice == StrobePosition::Fixed || samples.tracks.len() < config.least_pairs {
+    // From one height the pattern takes up any place of the strobe.
+    let cannot_tell = samples.tracks.len() < config.least_pairs || !samples.altitude_varies(config);
+    if choice == StrobePosition::Fixed || cannot_tell {
         return kept(unknown(), None);
     }
     // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place by centimetres.
@@ -342,7 +348,7 @@ fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std
 
 fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
     let spread = samples.altitude_spread();
-    if samples.frames.len() < 5 || spread.is_nan() || spread < config.least_altitude_spread {
+    if samples.frames.len() < 5 || !samples.altitude_varies(config) {
         return Err(format!(
             "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is needed",
             samples.frames.len(),
@@ -386,10 +392,7 @@ fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Estimat
     let spread = samples.altitude_spread();
     let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
     let least = model.attenuation_per_m[..model.bands].iter().copied().fold(f64::INFINITY, f64::min);
-    if least <= 0.0 {
-        return Some(format!("an attenuation of {least:.3} per metre is not physical: altitude and light cannot be told apart in this log"));
-    }
-    if spread.is_nan() || spread < config.least_altitude_spread {
+    if !samples.altitude_varies(config) {
         return Some(format!("altitude hardly varies (the highest is {spread:.2} times the lowest)"));
     }
     if candidate.path_spread_m.is_some_and(|p| p < 0.05) {
@@ -408,6 +411,9 @@ fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Estimat
                 ));
             }
         }
+    }
+    if least <= 0.0 {
+        return Some(format!("an attenuation of {least:.3} per metre is not physical: altitude and light cannot be told apart in this log"));
     }
     (worst > 0.08).then(|| format!("the estimate is uncertain by {worst:.2} per metre"))
 }
