@@ -26,7 +26,8 @@ fn main() {
         ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), joint.clone()),
         ("strobe not given", Box::new(move |s| Dive { with_strobe_mount: false, ..plain(s) }), joint.clone()),
         ("5 % at half power", Box::new(move |s| Dive { half_power_frames: 0.05, ..plain(s) }), joint.clone()),
-        ("backscatter 10 %, unmodelled", Box::new(move |s| Dive { backscatter: 0.1, ..plain(s) }), joint.clone()),
+        ("backscatter 10 %", Box::new(move |s| Dive { backscatter: 0.1, ..plain(s) }), joint.clone()),
+        ("backscatter 30 %", Box::new(move |s| Dive { backscatter: 0.3, ..plain(s) }), joint.clone()),
         ("alpha drifts by 30 %", Box::new(move |s| Dive { attenuation_drift: 0.3, ..plain(s) }), joint.clone()),
         ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), joint.clone()),
     ];

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Compression, Config, Estimator, ImageFormat, Method, Spreading, StrobePosition, with_nearest_key};
+use crate::config::{Compression, Config, Estimator, ImageFormat, Method, Spreading, StrobePosition, Switch, with_nearest_key};
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
 use crate::pipeline::{Options, survey::Selection};
@@ -198,6 +198,12 @@ pub struct EstimateOptions {
     /// What is done about where the strobe sits
     #[arg(long, value_enum, value_name = "NAME")]
     pub strobe_position: Option<StrobePosition>,
+    /// Whether light that the water scatters back is modelled
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub backscatter: Option<Switch>,
+    /// Whether attenuation may change along the log
+    #[arg(long, value_enum, value_name = "WHEN")]
+    pub drift: Option<Switch>,
     /// Frames that pass one looks at, at most
     #[arg(long, value_name = "N")]
     pub max_frames: Option<usize>,
@@ -271,6 +277,8 @@ impl Shared {
         set(&mut config.estimate.estimator, estimate.estimator);
         set(&mut config.estimate.spreading, estimate.spreading);
         set(&mut config.estimate.strobe_position, estimate.strobe_position);
+        set(&mut config.estimate.backscatter, estimate.backscatter);
+        set(&mut config.estimate.drift, estimate.drift);
         set(&mut config.estimate.max_frames, estimate.max_frames);
         set(&mut config.render.method, render.method);
         set(&mut config.render.image_format, render.image_format);

@@ -114,6 +114,19 @@ pub enum Spreading {
     Fit,
 }
 
+/// Whether a part of the model is used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Switch {
+    /// where held-out frames are explained better by it
+    #[default]
+    Auto,
+    /// never
+    Off,
+    /// always
+    On,
+}
+
 /// What is done about where the strobe sits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
@@ -138,6 +151,8 @@ pub struct EstimateConfig {
     pub spreading: Spreading,
     pub incidence: bool,
     pub strobe_position: StrobePosition,
+    pub backscatter: Switch,
+    pub drift: Switch,
     pub max_frames: usize,
     pub attenuation_floor_per_m: f64,
     pub sweeps: usize,
@@ -159,6 +174,8 @@ impl Default for EstimateConfig {
             spreading: Spreading::Strobe,
             incidence: true,
             strobe_position: StrobePosition::Auto,
+            backscatter: Switch::Auto,
+            drift: Switch::Auto,
             max_frames: 400,
             attenuation_floor_per_m: 0.0,
             sweeps: 6,
@@ -322,6 +339,8 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.spreading", "none | strobe | paper | fit", "the strobe's light falls with 1/ℓ_a² (Eq. 4); without it attenuation is only effective";
     "estimate.incidence", "true | false", "cos γ comes free from the plane";
     "estimate.strobe_position", "auto | fixed | refine | find", "0.2 m off doubles the residual and moves attenuation by 0.02 per metre; the log knows the place";
+    "estimate.backscatter", "auto | off | on", "scattered light is added: unmodelled, it takes a sixth of the attenuation with it";
+    "estimate.drift", "auto | off | on", "the water may change along the dive: attenuation at nodes in time";
     "estimate.max_frames", "frames", "pass one's cost levels off as the dive gets longer; stretches are spread over the log";
     "estimate.attenuation_floor_per_m", "1/m", "the paper leaves out per-image values below 0.1; 0 keeps all";
     "estimate.sweeps", "count", "rounds of beam pattern and attenuation, 'we also recompute' (§IV-C)";

@@ -5,7 +5,7 @@ mod support;
 
 use support::judge::{Verdict, run};
 use support::render::{Dive, DvlType, Sensor, Truth};
-use unwater::config::{Estimator, Spreading};
+use unwater::config::{Estimator, Spreading, Switch};
 use unwater::pipeline::Options;
 
 fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
@@ -144,11 +144,44 @@ fn frames_at_half_power_are_found_and_set_right() {
     assert!(v.report.warnings.iter().any(|w| w.contains("drop-outs")), "{:?}", v.report.warnings);
 }
 
-/// What is not modelled must not pass for an answer.
+/// Scattered light is added: taken for attenuation it takes a sixth of that with it.
 #[test]
-fn backscatter_and_a_single_altitude_are_called_not_identified() {
-    let (v, _) = judged(&Dive { seed: 101, frames: 40, backscatter: 0.3, ..Dive::default() }, &Options::default());
-    assert!(!v.model.identified && v.report.warnings.iter().any(|w| w.contains("scatters back")), "{:?}", v.report.warnings);
+fn what_the_water_scatters_back_is_taken_off() {
+    let dive = Dive { seed: 101, frames: 40, backscatter: 0.1, ..Dive::default() };
+    let (v, truth) = judged(&dive, &Options::default());
+    assert_near("backscatter", &v, &truth, 0.08, 0.05, 0.03);
+    let back = v.model.backscatter.as_ref().expect("backscatter");
+    let ought = truth.exposure * truth.scattering;
+    assert!(back.strength_per_m.iter().all(|b| (b / ought - 1.0).abs() < 0.2), "{:?} instead of {ought}", back.strength_per_m);
+
+    let mut off = Options::default();
+    off.config.estimate.backscatter = Switch::Off;
+    let (without, _) = judged(&dive, &off);
+    assert!(without.model.backscatter.is_none());
+    assert!(without.attenuation_error_per_m[0] < -0.04, "unmodelled it would not matter: {:.4?}", without.attenuation_error_per_m);
+    // Three times as much, unmodelled, must not pass for an answer.
+    let (murky, _) = judged(&Dive { backscatter: 0.3, ..dive }, &off);
+    assert!(!murky.model.identified, "{:.4?} passed for an answer", murky.attenuation_error_per_m);
+}
+
+#[test]
+fn water_that_changes_is_followed_and_steady_water_is_not_split() {
+    let (v, truth) = judged(&Dive { seed: 111, frames: 48, attenuation_drift: 0.3, ..Dive::default() }, &Options::default());
+    assert!(v.model.segments.0.len() >= 3, "{} nodes", v.model.segments.0.len());
+    for frame in &truth.frames {
+        let at = v.model.segments.at(unwater::units::Stamp(frame.stamp_ns as i64)).expect("nodes");
+        for b in 0..3 {
+            let ought = frame.attenuation_per_m[b];
+            assert!((at[b] / ought - 1.0).abs() < 0.1, "band {b}: {:.4} instead of {ought:.4}", at[b]);
+        }
+    }
+    let (steady, _) = judged(&Dive { seed: 112, frames: 32, ..Dive::default() }, &Options::default());
+    assert!(steady.model.segments.0.is_empty() && steady.model.backscatter.is_none());
+}
+
+/// What the log cannot tell must not pass for an answer.
+#[test]
+fn a_single_altitude_is_called_not_identified() {
     let (v, _) = judged(&Dive { seed: 102, frames: 24, altitude_m: (2.0, 2.05), ..Dive::default() }, &Options::default());
     assert!(!v.model.identified && v.report.warnings.iter().any(|w| w.contains("altitude hardly varies")), "{:?}", v.report.warnings);
     assert!(

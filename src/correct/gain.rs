@@ -21,6 +21,8 @@ pub struct GainGrid<'g> {
     bands: usize,
     /// `rows × columns × bands`; NaN off the floor
     gains: Vec<f32>,
+    /// the same, of light that the water scattered back; empty where none is modelled
+    scattered: Vec<f32>,
     facts: FrameFacts,
 }
 
@@ -29,8 +31,20 @@ impl<'g> GainGrid<'g> {
     pub fn new(correction: &'g Correction<'g>, view: &View<'g>, width: usize, height: usize, bands: usize) -> Self {
         let step = correction.config.gain_step_px;
         let (columns, rows) = ((width - 1).div_ceil(step) + 1, (height - 1).div_ceil(step) + 1);
-        let mut grid =
-            Self { correction, view: *view, step, columns, rows, bands, gains: vec![f32::NAN; columns * rows * bands], facts: FrameFacts::default() };
+        let mut grid = Self {
+            correction,
+            view: *view,
+            step,
+            columns,
+            rows,
+            bands,
+            gains: vec![f32::NAN; columns * rows * bands],
+            scattered: Vec::new(),
+            facts: FrameFacts::default(),
+        };
+        if correction.glow.is_some() {
+            grid.scattered = vec![0.0; columns * rows * bands];
+        }
         let (mut shortest, mut longest, mut sum, mut met, mut capped, mut unseen, mut gain_sum) =
             (f64::INFINITY, 0.0f64, 0.0, 0usize, 0usize, 0usize, 0.0);
         for row in 0..rows {
@@ -39,6 +53,10 @@ impl<'g> GainGrid<'g> {
                 let (gain, is_capped) = grid.gain(&path);
                 let start = (row * columns + column) * bands;
                 grid.gains[start..start + bands].copy_from_slice(&gain[..bands]);
+                if !grid.scattered.is_empty() {
+                    let scattered = grid.scattered((column * step) as f64, (row * step) as f64, &path);
+                    grid.scattered[start..start + bands].copy_from_slice(&scattered[..bands]);
+                }
                 met += 1;
                 capped += usize::from(is_capped);
                 unseen += usize::from(!correction.model.beam_pattern.is_seen(path.angles));
@@ -90,11 +108,19 @@ impl<'g> GainGrid<'g> {
         (std::array::from_fn(|b| if b < self.bands { (removed[b] * held * rendering.gain[b]) as f32 } else { 0.0 }), held < 1.0)
     }
 
-    /// Multiplies a picture by its gains; each pixel of a mosaic by that of its own band.
+    /// Light that the water scattered into a pixel.
+    fn scattered(&self, u: f64, v: f64, path: &crate::geometry::LightPath) -> [f32; 3] {
+        let ray = self.view.camera.image_plane(u, v);
+        let of_ray = |(x, y)| self.correction.glow.map(|(b, table)| b.light(&table.at(x, y, path.seafloor_to_camera_m)));
+        ray.and_then(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))
+    }
+
+    /// Takes off what was scattered back and multiplies by the gains; each pixel of a mosaic by that of its own band.
     pub fn multiply(&self, image: &mut SensorImage) {
         let mosaic = image.mosaic;
         let (width, stored, bands, step) = (image.light.width, image.light.bands, self.bands, self.step);
         let mut line = vec![0f32; self.columns * bands];
+        let mut veil = vec![0f32; self.scattered.len().min(self.columns * bands)];
         for (y, pixels) in image.light.pixels.chunks_exact_mut(width * stored).enumerate() {
             let top = (y / step).min(self.rows.saturating_sub(2));
             let share = (y - top * step) as f32 / step as f32;
@@ -102,6 +128,13 @@ impl<'g> GainGrid<'g> {
             let below = &self.gains[(top + 1).min(self.rows - 1) * self.columns * bands..][..self.columns * bands];
             for ((l, a), b) in line.iter_mut().zip(above).zip(below) {
                 *l = a + (b - a) * share;
+            }
+            if !veil.is_empty() {
+                let above = &self.scattered[top * self.columns * bands..][..self.columns * bands];
+                let below = &self.scattered[(top + 1).min(self.rows - 1) * self.columns * bands..][..self.columns * bands];
+                for ((l, a), b) in veil.iter_mut().zip(above).zip(below) {
+                    *l = a + (b - a) * share;
+                }
             }
             // Bands of the pixels of a row: all of them, or by turns where there is a mosaic.
             let of_band = |x: usize| mosaic.map_or([0, 1, 2], |phase| [phase.band(x, y); 3]);
@@ -111,10 +144,21 @@ impl<'g> GainGrid<'g> {
                 let first = column * step;
                 if self.is_steep(top, column) {
                     for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
-                        let gain = self.view.light_path((first + x) as f64, y as f64).map_or([0.0; 3], |path| self.gain(&path).0);
-                        pixel.iter_mut().zip(of_band(first + x)).for_each(|(value, band)| *value *= gain[band]);
+                        let (u, v) = ((first + x) as f64, y as f64);
+                        let of_path = |path| (self.gain(&path).0, self.scattered(u, v, &path));
+                        let (gain, scattered) = self.view.light_path(u, v).map_or(([0.0; 3], [0.0; 3]), of_path);
+                        pixel.iter_mut().zip(of_band(first + x)).for_each(|(value, band)| *value = (*value - scattered[band]) * gain[band]);
                     }
                     continue;
+                }
+                if !veil.is_empty() {
+                    let (left, right) = (&veil[column * bands..][..bands], &veil[(column + 1).min(self.columns - 1) * bands..][..bands]);
+                    for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
+                        let share = x as f32 / step as f32;
+                        for (value, band) in pixel.iter_mut().zip(by_turns[(first + x) % 2]) {
+                            *value -= left[band] + (right[band] - left[band]) * share;
+                        }
+                    }
                 }
                 for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
                     let share = x as f32 / step as f32;
@@ -148,10 +192,12 @@ mod tests {
             spreading: SpreadingModel::of(Spreading::Strobe),
             incidence: true,
             beam_pattern: BeamPattern::from_nodes(nodes, &pattern),
+            over_time: Default::default(),
+            backscatter: None,
         };
         let config = RenderConfig { gain_cap: 1e30, ..RenderConfig::default() };
         let rendering = RenderingFile { method: Default::default(), gain: vec![1.0; 3], median_correction: vec![1.0; 3], white_level: None };
-        let correction = Correction { model: &model, rendering: &rendering, config: &config, frame_average: None, clipped_above: 1.0 };
+        let correction = Correction { model: &model, rendering: &rendering, config: &config, glow: None, frame_average: None, clipped_above: 1.0 };
         let camera = Camera::from_field_of_view(643, 451, 55.0);
         for pitch_deg in [0.0, 25.0, 66.0f64] {
             let (sin, cos) = pitch_deg.to_radians().sin_cos();

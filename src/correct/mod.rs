@@ -1,7 +1,7 @@
 //! Pass two: a frame and its view → a corrected frame (paper §IV-D, Fig. 10).
 //!
 //! ```text
-//! r_Λ = c_Λ / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
+//! r_Λ = (c_Λ − B_Λ) / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
 //! ```
 //!
 //! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; no statistic
@@ -19,11 +19,12 @@ pub use rendering::rendering;
 use crate::config::{Method, RenderConfig};
 use crate::geometry::{LightPath, View};
 use crate::image::{LinearImage, SensorImage};
-use crate::model::{ImagingModel, RenderingFile};
+use crate::model::{Backscatter, GlowTable, ImagingModel, RenderingFile};
 use crate::vehicle::Camera;
 use gain::GainGrid;
 
 /// How a whole log is corrected.
+#[derive(Clone, Copy)]
 pub struct Correction<'m> {
     /// the model
     pub model: &'m ImagingModel,
@@ -31,6 +32,8 @@ pub struct Correction<'m> {
     pub rendering: &'m RenderingFile,
     /// the choices
     pub config: &'m RenderConfig,
+    /// backscatter and S_Λ, where the model has backscatter and the method takes it off
+    pub glow: Option<(&'m Backscatter, &'m GlowTable)>,
     /// the mean frame, where the method divides by that
     pub frame_average: Option<&'m FrameAverage>,
     /// input above this share of full scale counts as clipped

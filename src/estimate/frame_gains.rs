@@ -9,8 +9,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::candidates::by_joint_solve;
+use super::samples::FrameSamples;
+use super::tracks::Track;
 use super::{Samples, robust};
-use crate::model::ImagingModel;
+use crate::config::{EstimateConfig, Spreading};
+use crate::model::{ImagingModel, Nodes};
 
 /// A frame stands out where its log gain differs from its neighbours' by this [log light], and by so many spreads.
 const STANDS_OUT: f64 = 0.15;
@@ -20,8 +24,36 @@ const NEIGHBOURS: usize = 4;
 /// Weight that holds a gain to 0, in observations.
 const HOLD: f64 = 1.0;
 
+/// Log gains of the frames that got another amount of light than their neighbours; 0 for all others.
+///
+/// Where frames do not overlap there is no telling, and all are 0.
+pub fn uneven_light(samples: &Samples<'_>, config: &EstimateConfig) -> Vec<f64> {
+    let none = vec![0.0; samples.frames.len()];
+    let quick = EstimateConfig {
+        rounds: 6,
+        spreading: if config.spreading == Spreading::Fit { Spreading::Strobe } else { config.spreading },
+        ..config.clone()
+    };
+    match by_joint_solve(samples, Nodes::new(config.beam_nodes, config.beam_limit_deg), &quick) {
+        Ok(candidate) => frame_gains(samples, &candidate.model),
+        Err(_) => none,
+    }
+}
+
+/// Takes gains out of the samples, so that all frames are lit alike.
+pub fn set_right(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[f64]) {
+    for (frame, gain) in frames.iter_mut().zip(log_gains).filter(|(_, g)| **g != 0.0) {
+        frame.grid.iter_mut().for_each(|(_, sight)| sight.log_color.iter_mut().for_each(|v| *v -= *gain as f32));
+        frame.mean_light.iter_mut().for_each(|v| *v /= gain.exp());
+    }
+    for o in tracks.iter_mut().flatten() {
+        let gain = log_gains[o.frame as usize] as f32;
+        o.sight.log_color.iter_mut().for_each(|v| *v -= gain);
+    }
+}
+
 /// Log gain of each frame: 0 but for those that stand out.
-pub fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
+fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
     let frames = samples.frames.len();
     // (frame, mean misfit over the bands) per view of each track
     let tracks: Vec<Vec<(usize, f64)>> = samples

@@ -71,6 +71,13 @@ pub struct FrameSamples {
     pub mean_light: [f64; 3],
 }
 
+impl FrameSamples {
+    /// The same frame with another grid, and without its keypoints.
+    pub fn with_grid(&self, grid: Vec<(u32, Sight)>) -> Self {
+        Self { keypoints: Vec::new(), places: Vec::new(), sights: Vec::new(), grid, ..*self }
+    }
+}
+
 impl Sight {
     /// The way of light to it, for a strobe at a given mount.
     pub fn path(&self, normal: Direction<Body>, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {

@@ -8,8 +8,11 @@
 
 use nalgebra::Vector3;
 
+use super::Samples;
 use super::joint::{PathFor, Problem, Setting};
 use super::tracks::Track;
+use crate::config::{EstimateConfig, StrobePosition};
+use crate::model::Nodes;
 use crate::spaces::{Body, Strobe, Transform};
 
 /// Places tried around the camera before the search begins [m].
@@ -33,15 +36,67 @@ pub struct FoundStrobe {
     pub moved_m: f64,
 }
 
+/// Where the light is taken to sit, and how that came about.
+#[derive(Clone, Debug)]
+pub struct PlacedStrobe {
+    /// its mount
+    pub body_from_strobe: Transform<Body, Strobe>,
+    /// `found` or `refined`, where it was searched for and taken
+    pub source: Option<&'static str>,
+    /// the search, where there was one
+    pub search: Option<FoundStrobe>,
+    /// what the user must know
+    pub warning: Option<String>,
+}
+
+/// A place that moved less than this, or less than three standard deviations, does not contradict the given one [m].
+const CONTRADICTION_M: f64 = 0.06;
+/// A place less sure than this is not found [m].
+const UNSURE_M: f64 = 0.15;
+
+/// Finds, refines or checks the strobe's place. `is_known` says whether `samples.body_from_strobe` is a measured pose;
+/// where it is not, it is the camera's.
+pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConfig) -> PlacedStrobe {
+    let start = samples.body_from_strobe;
+    let kept = |warning: Option<String>, search| PlacedStrobe { body_from_strobe: start, source: None, search, warning };
+    let choice = match (config.strobe_position, is_known) {
+        (StrobePosition::Auto, false) => StrobePosition::Find,
+        (chosen, _) => chosen,
+    };
+    let at_camera = "where the strobe sits is not known, and the log cannot tell: the light is taken to sit at the camera, which biases attenuation; write [strobe.mount] into a rig file";
+    let unknown = || (!is_known).then(|| String::from(at_camera));
+    // From one height the pattern takes up any place of the strobe.
+    let cannot_tell = samples.tracks.len() < config.least_pairs || !samples.altitude_varies(config);
+    if choice == StrobePosition::Fixed || cannot_tell {
+        return kept(unknown(), None);
+    }
+    // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place by centimetres.
+    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let setting = Setting { rounds: 5, ..samples.setting(nodes, config) };
+    let found = search_strobe(samples.tracks, &setting, start, choice == StrobePosition::Find, &|o, mount| samples.path_from(o, mount));
+    let Some(found) = found else { return kept(unknown(), None) };
+    let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
+    let is_sure = std.is_finite() && std < UNSURE_M;
+    let take = |source| PlacedStrobe { body_from_strobe: found.body_from_strobe, source: Some(source), search: Some(found.clone()), warning: None };
+    match choice {
+        StrobePosition::Find if is_sure => take("found"),
+        StrobePosition::Refine if is_sure => take("refined"),
+        StrobePosition::Find | StrobePosition::Refine => kept(unknown(), Some(found)),
+        _ if is_sure && found.moved_m > CONTRADICTION_M.max(3.0 * std) && found.residual[1] < 0.9 * found.residual[0] => {
+            let p = found.body_from_strobe.origin().vector();
+            let sentence = format!(
+                "the log contradicts the strobe's given place: it fits better {:.2} m away, at [{:.3}, {:.3}, {:.3}] in the vehicle (± {std:.3} m; residual {:.4} instead of {:.4}); use it with --strobe-position refine",
+                found.moved_m, p.x, p.y, p.z, found.residual[1], found.residual[0]
+            );
+            kept(Some(sentence), Some(found))
+        }
+        _ => kept(None, Some(found)),
+    }
+}
+
 /// Searches from `start`; `around` adds places beside it, for a start that is a mere guess. `None` where the log
 /// does not hold the solve.
-pub fn search_strobe(
-    tracks: &[Track],
-    setting: &Setting<'_>,
-    start: Transform<Body, Strobe>,
-    around: bool,
-    paths: &PathFor<'_>,
-) -> Option<FoundStrobe> {
+fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Transform<Body, Strobe>, around: bool, paths: &PathFor<'_>) -> Option<FoundStrobe> {
     let observations: usize = tracks.iter().map(Vec::len).sum();
     let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
     let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();

@@ -165,26 +165,34 @@ impl Pings {
             let sensor = normal.dot(&rig.body_from_dvl.origin().vector());
             distances = near.iter().filter_map(|p| Some((sensor + p.altitude?.0, p.stamp.seconds_since(stamp)))).collect();
         }
-        let count = distances.len() as f64;
-        if distances.is_empty() {
-            return None;
-        }
-        let mean = |f: &dyn Fn(&(f64, f64)) -> f64| distances.iter().map(f).sum::<f64>() / count;
-        let (d, t) = (mean(&|p| p.0), mean(&|p| p.1));
-        let (dt, tt) = (mean(&|p| (p.0 - d) * (p.1 - t)), mean(&|p| (p.1 - t).powi(2)));
-        // The height's drift is followed where pings lie on both sides; it is never carried past them.
-        let straddled = distances.iter().any(|p| p.1 <= 0.0) && distances.iter().any(|p| p.1 >= 0.0);
-        let distance_m =
-            if straddled && tt > 1e-6 { d - t * dt / tt } else { distances.iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).map_or(d, |p| p.0) };
+        let nearest = distances.iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?.0;
+        let (distance_m, residual_m) = in_time(&distances).unwrap_or((nearest, f64::NAN));
         Some(SeafloorPlane {
             normal: Direction::from_vector(normal)?,
             distance_m,
             support: Support::AssumedLevel,
             hits: distances.len(),
-            residual_m: f64::NAN,
+            residual_m,
             nearest_ping_s: 0.0,
         })
     }
+}
+
+/// A height at the frame's time from (height, seconds from the frame), and the root mean square of what is left over;
+/// `None` where pings do not lie on both sides: a drift is never carried past them. Two pings or more follow its slope,
+/// five or more its curvature as well: over the window a swell would else be flattened by centimetres.
+fn in_time(heights: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let straddled = heights.iter().any(|h| h.1 <= 0.0) && heights.iter().any(|h| h.1 >= 0.0);
+    let powers = if heights.len() >= 5 { 3 } else { 2 };
+    if !straddled || heights.len() < 2 {
+        return None;
+    }
+    let design = DMatrix::from_fn(heights.len(), powers, |i, j| heights[i].1.powi(j as i32));
+    let observed = DVector::from_iterator(heights.len(), heights.iter().map(|h| h.0));
+    let solution = (design.transpose() * &design).cholesky()?.solve(&(design.transpose() * &observed));
+    let spare = heights.len() - powers;
+    let left_over = (&observed - &design * &solution).norm_squared();
+    Some((solution[0], if spare > 0 { (left_over / spare as f64).sqrt() } else { f64::NAN }))
 }
 
 /// Mean direction of all beams, also the lost ones: the instrument's axis in body space.
@@ -244,4 +252,21 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
         residual_m: if spare > 0 { (residuals.norm_squared() / spare as f64).sqrt() } else { f64::NAN },
         nearest_ping_s: 0.0,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A vehicle that bobs by a metre in twelve seconds, seen by a bare altimeter eight times a second.
+    #[test]
+    fn a_bobbing_height_is_followed() {
+        let height = |t: f64| 2.4 - (0.52 * t).cos();
+        for centre in [0.0, 1.3, 6.0] {
+            let pings: Vec<(f64, f64)> = (-8..8).map(|k| 0.06 + f64::from(k) * 0.125).map(|t| (height(centre + t), t)).collect();
+            let (found, _) = in_time(&pings).expect("a height");
+            assert!((found - height(centre)).abs() < 0.002, "{found} at {centre} instead of {}", height(centre));
+        }
+        assert!(in_time(&[(2.0, 0.1), (2.1, 0.2)]).is_none(), "a drift is not carried past the pings");
+    }
 }

@@ -65,22 +65,8 @@ impl BeamPattern {
             return Self { seen: vec![false; values.len()], ..Self::uniform(nodes) };
         }
         let seen: Vec<bool> = values.iter().map(Option::is_some).collect();
-        let mut filled: Vec<Option<f64>> = values.iter().map(|v| v.map(|v| v - peak)).collect();
-        // Ring by ring outwards: a hole takes the mean of the filled nodes around it.
-        let n = nodes.count as isize;
-        while filled.iter().any(Option::is_none) {
-            let before = filled.clone();
-            for (index, value) in filled.iter_mut().enumerate().filter(|(_, v)| v.is_none()) {
-                let (i, j) = (index as isize / n, index as isize % n);
-                let around =
-                    (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj))).filter(|(i, j)| (0..n).contains(i) && (0..n).contains(j));
-                let known: Vec<f64> = around.filter_map(|(i, j)| before[(i * n + j) as usize]).collect();
-                if !known.is_empty() {
-                    *value = Some(known.iter().sum::<f64>() / known.len() as f64);
-                }
-            }
-        }
-        Self { nodes, log_gain: filled.into_iter().map(Option::unwrap_or_default).collect(), seen }
+        let from_peak: Vec<Option<f64>> = values.iter().map(|v| v.map(|v| v - peak)).collect();
+        Self { nodes, log_gain: filled(nodes.count, &from_peak), seen }
     }
 
     /// The grid.
@@ -102,6 +88,27 @@ impl BeamPattern {
     pub fn by_node(&self) -> Vec<Option<f64>> {
         self.log_gain.iter().zip(&self.seen).map(|(v, seen)| seen.then_some(*v)).collect()
     }
+}
+
+/// Fills the holes of a square grid ring by ring outwards: a hole takes the mean of the filled nodes around it.
+pub fn filled(count: usize, values: &[Option<f64>]) -> Vec<f64> {
+    let mut filled = values.to_vec();
+    let n = count as isize;
+    while filled.iter().any(Option::is_none) {
+        let before = filled.clone();
+        if before.iter().all(Option::is_none) {
+            break;
+        }
+        for (index, value) in filled.iter_mut().enumerate().filter(|(_, v)| v.is_none()) {
+            let (i, j) = (index as isize / n, index as isize % n);
+            let around = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj))).filter(|(i, j)| (0..n).contains(i) && (0..n).contains(j));
+            let known: Vec<f64> = around.filter_map(|(i, j)| before[(i * n + j) as usize]).collect();
+            if !known.is_empty() {
+                *value = Some(known.iter().sum::<f64>() / known.len() as f64);
+            }
+        }
+    }
+    filled.into_iter().map(Option::unwrap_or_default).collect()
 }
 
 #[cfg(test)]

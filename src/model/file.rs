@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{BeamPattern, ImagingModel, Nodes, SpreadingModel};
+use super::{AttenuationOverTime, Backscatter, BeamPattern, ImagingModel, Nodes, SHAPES, SpreadingModel};
 use crate::config::{Method, Spreading};
 
 /// The value of `format`.
@@ -94,6 +94,23 @@ pub struct InputFile {
     pub frames: usize,
 }
 
+/// Light that the water scatters back.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BackscatterFile {
+    /// b: scattered light over a white seafloor's, per metre of lit water, in the unit of the log's light [1/m]
+    pub strength_per_m: Vec<f64>,
+    /// its standard deviation [1/m]
+    pub strength_std_per_m: Vec<f64>,
+    /// the attenuation it is subject to [1/m]
+    pub attenuation_per_m: Vec<f64>,
+    /// η and ζ: light from directions of the beam that no frame showed, and light scattered sideways (docs/method.md)
+    pub shape: [f64; SHAPES],
+    /// median share of it in the light of tracked points
+    pub median_share: Vec<f64>,
+    /// how much better frames that the solve did not see are foretold with it (share of the loss)
+    pub held_out_improvement: f64,
+}
+
 /// The whole file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelFile {
@@ -130,16 +147,18 @@ pub struct ModelFile {
     /// where the light sits
     #[serde(default)]
     pub strobe: Option<StrobeFile>,
-    /// not modelled yet
-    pub backscatter: Option<serde_json::Value>,
+    /// what the water scatters back; `null` where the log shows none
+    #[serde(default)]
+    pub backscatter: Option<BackscatterFile>,
     /// frames that got another amount of light (strobe drop-outs); all others have gain 1
     #[serde(default)]
     pub frame_gains: Vec<FrameGainFile>,
     /// what the user must know of it
     #[serde(default)]
     pub warnings: Vec<String>,
-    /// stretches of the log with their own attenuation
-    pub segments: Vec<serde_json::Value>,
+    /// attenuation along the log: linear between these times; empty where it does not change
+    #[serde(default)]
+    pub segments: AttenuationOverTime,
     /// exposure and white balance
     pub rendering: RenderingFile,
     /// where it came from
@@ -204,18 +223,21 @@ impl ModelFile {
     /// # Errors
     /// A sentence about the beam pattern.
     pub fn imaging_model(&self) -> Result<ImagingModel, String> {
-        let mut attenuation_per_m = [0.0; 3];
-        for (to, from) in attenuation_per_m.iter_mut().zip(&self.attenuation_per_m) {
-            *to = *from;
-        }
+        let bands = |values: &[f64]| std::array::from_fn(|b| values.get(b).copied().unwrap_or_default());
         let spreading =
             self.spreading_exponents.map_or_else(|| SpreadingModel::of(self.spreading), |[a, s]| SpreadingModel { strobe_leg: a, camera_leg: s });
         Ok(ImagingModel {
             bands: self.attenuation_per_m.len(),
-            attenuation_per_m,
+            attenuation_per_m: bands(&self.attenuation_per_m),
+            over_time: self.segments.clone(),
             spreading,
             incidence: self.incidence,
             beam_pattern: self.beam_pattern.pattern()?,
+            backscatter: self.backscatter.as_ref().map(|b| Backscatter {
+                strength_per_m: bands(&b.strength_per_m),
+                attenuation_per_m: bands(&b.attenuation_per_m),
+                shape: b.shape,
+            }),
         })
     }
 

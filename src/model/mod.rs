@@ -10,17 +10,22 @@
 //! pictures still look right, so α is called *effective* then and *physical* otherwise.
 //!
 //! In: light paths [m, rad]. Out: logarithms of relative light. The gain G and the lens L of Eq. 10 are
-//! constant over a log and end in its one exposure. Backscatter (Eq. 5, 6) is neglected here.
+//! constant over a log and end in its one exposure. What the water scatters back (Eq. 5, 6) is taken off before: `backscatter`.
 
+mod backscatter;
 mod beam_pattern;
+mod drift;
 mod file;
 
+pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
 pub use beam_pattern::{BeamPattern, Nodes};
-pub use file::{BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, RenderingFile, StrobeFile};
+pub use drift::{AttenuationOverTime, TimeNode};
+pub use file::{BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, RenderingFile, StrobeFile};
 
 use crate::config::Spreading;
 use crate::geometry::LightPath;
 use crate::image::Bands;
+use crate::units::Stamp;
 
 /// How light falls with distance: the exponents of Eq. 15.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,17 +57,26 @@ impl SpreadingModel {
 pub struct ImagingModel {
     /// 1 (mono) or 3
     pub bands: usize,
-    /// α [1/m]: red, green, blue
+    /// α [1/m]: red, green, blue; the mean over the log
     pub attenuation_per_m: Bands,
+    /// α(t), where the water changes along the log
+    pub over_time: AttenuationOverTime,
     /// p_a and p_s
     pub spreading: SpreadingModel,
     /// whether cos γ is modelled
     pub incidence: bool,
     /// BP
     pub beam_pattern: BeamPattern,
+    /// what the water scatters back, where the log shows it
+    pub backscatter: Option<Backscatter>,
 }
 
 impl ImagingModel {
+    /// The model as it stands at one time.
+    pub fn at(&self, stamp: Stamp) -> Self {
+        Self { attenuation_per_m: self.over_time.at(stamp).unwrap_or(self.attenuation_per_m), ..self.clone() }
+    }
+
     /// Logarithm of all that geometry alone decides: spreading and incidence.
     pub fn log_geometry(&self, path: &LightPath) -> f64 {
         log_geometry(self.spreading, self.incidence, path)

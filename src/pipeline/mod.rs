@@ -14,10 +14,13 @@ use sha2::Digest;
 use crate::config::{Config, Estimator, Method, Spreading};
 use crate::correct::{Correction, rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, FrameSamples, MatchedPair, PlacedStrobe, Samples, Track, estimate, place_strobe, set_right, tracks, uneven_light};
+use crate::estimate::{Estimate, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
 use crate::geometry::LightPath;
-use crate::image::Container;
-use crate::model::{BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile};
+use crate::image::{Bands, Container};
+use crate::model::{
+    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, Frustum, GlowTable, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel,
+    StrobeFile,
+};
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::spaces::{Body, Optical, Strobe, Transform};
@@ -171,8 +174,10 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
     let source_sha256 = sha256(prepared.recording.bytes());
     let out = Output::create(output, &prepared.recording.profile, &options.config.output)?;
     let imaging_model = file.imaging_model().map_err(Error::Usage)?;
+    let glow = glow_table(&imaging_model, &prepared.survey.rig, method);
     let correction = Correction {
         model: &imaging_model,
+        glow: imaging_model.backscatter.as_ref().zip(glow.as_ref()),
         rendering: &file.rendering,
         config: &options.config.render,
         frame_average: collected.as_ref().map(|c| &c.average).filter(|a| !a.is_empty()),
@@ -195,6 +200,19 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
     let report = pass_two.run(out, &threads, progress)?;
     Ok((report, file))
 }
+
+/// What the water scatters back, ray by ray, for methods that take the water away.
+fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<GlowTable> {
+    let backscatter = model.backscatter.filter(|_| matches!(method, Method::Full | Method::Attenuation))?;
+    let (w, h) = ((rig.camera.width - 1) as f64, (rig.camera.height - 1) as f64);
+    let edge = (0..=16).map(|k| f64::from(k) / 16.0).flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
+    let rays = edge.filter_map(|(u, v)| rig.camera.image_plane(u, v)).map(|(x, y)| (x, y, GLOW_REACHES_M));
+    let optical_from_strobe = rig.body_from_optical.inverse() * rig.strobe.body_from_strobe;
+    Some(GlowTable::new(&model.beam_pattern, optical_from_strobe, &backscatter.attenuation_per_m, Frustum::around(rays)))
+}
+
+/// Beyond this the strobe's light adds nothing to what the water has scattered back [m].
+const GLOW_REACHES_M: f64 = 12.0;
 
 fn pass_one(log: &Prepared, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
     collect(&log.recording, &log.scan, &log.survey, options.window(), &options.config, threads, progress)
@@ -225,33 +243,34 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
         return Err(Error::NotEstimated { reason, remedy: "`unwater inspect` says what is missing".into() });
     }
     let config = &options.config;
-    let mut tracks = tracks(&frames, &pairs);
-    let given = &first.survey.rig.strobe;
-    let given_strobe = (given.body_from_strobe, false);
-    let log_gains = uneven_light(&samples_of(&frames, &tracks, given_strobe), &config.estimate);
-    set_right(&mut frames, &mut tracks, &log_gains);
-    let mut samples = samples_of(&frames, &tracks, given_strobe);
-    let placed = place_strobe(&samples, given.source.is_some(), &config.estimate);
-    (samples.body_from_strobe, samples.strobe_is_found) = (placed.body_from_strobe, placed.source.is_some());
-    let found = estimate(&samples, &config.estimate)?;
-    let rendering = shown(&frames, &found.model, placed.body_from_strobe, first.survey.white_level, config);
-    let strobe = strobe_file(&placed, &first.survey.rig);
-    let uneven = frames.iter().zip(&log_gains).filter(|(_, g)| **g != 0.0);
+    let tracks = tracks(&frames, &pairs);
+    let rig = &first.survey.rig;
+    let given = (rig.strobe.body_from_strobe, rig.strobe.source.is_some());
+    let found = understand(frames, tracks, rig.body_from_optical, given, &config.estimate)?;
+    let mount = found.strobe.body_from_strobe;
+    let rendering = shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
+    let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
     let frame_gains: Vec<FrameGainFile> = uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
-    let mut warnings: Vec<String> = placed.warning.into_iter().collect();
+    let mut warnings: Vec<String> = found.strobe.warning.iter().cloned().collect();
     if !frame_gains.is_empty() {
         warnings
             .push(format!("{} frames got another amount of light than their neighbours (strobe drop-outs); they are set right", frame_gains.len()));
     }
-    Ok(ModelFile { strobe: Some(strobe), frame_gains, warnings, ..file_of(found, rendering, inputs, config) })
+    let strobe = Some(strobe_file(&found.strobe, rig));
+    let backscatter = found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
+    Ok(ModelFile { strobe, backscatter, frame_gains, warnings, ..file_of(found.estimate, rendering, inputs, config) })
 }
 
-fn samples_of<'s>(
-    frames: &'s [FrameSamples],
-    tracks: &'s [Track],
-    (body_from_strobe, strobe_is_found): (Transform<Body, Strobe>, bool),
-) -> Samples<'s> {
-    Samples { frames, tracks, body_from_strobe, strobe_is_found }
+fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
+    let of = |values: &Bands| values[..bands].to_vec();
+    BackscatterFile {
+        strength_per_m: of(&found.backscatter.strength_per_m),
+        strength_std_per_m: of(&found.std_per_m),
+        attenuation_per_m: of(&found.backscatter.attenuation_per_m),
+        shape: found.backscatter.shape,
+        median_share: of(&found.share),
+        held_out_improvement: found.improvement,
+    }
 }
 
 /// Exposure and white balance, from the samples' corrected light.
@@ -304,7 +323,7 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         backscatter: None,
         frame_gains: Vec::new(),
         warnings: Vec::new(),
-        segments: Vec::new(),
+        segments: found.model.over_time.clone(),
         rendering,
         inputs,
     }

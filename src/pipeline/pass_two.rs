@@ -277,8 +277,13 @@ impl PassTwo<'_> {
                 return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
             }
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
-            let Corrected { image, facts } =
-                self.correction.apply(picture.image, &view, self.frame_gain(stamp), self.config.render.rectify.then(|| camera.rectified()).as_ref());
+            let now = self.model.at(stamp);
+            let Corrected { image, facts } = Correction { model: &now, ..self.correction }.apply(
+                picture.image,
+                &view,
+                self.frame_gain(stamp),
+                self.config.render.rectify.then(|| camera.rectified()).as_ref(),
+            );
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }

@@ -1,0 +1,137 @@
+//! How much the water scatters back (Eq. 5, 6), from what it does to contrast.
+//!
+//! Backscatter and attenuation are nearly degenerate where one grey level is followed over altitude: both change it
+//! smoothly. But scattered light is *added*: a dark pebble gains more of it than bright sand beside it, in log light.
+//! Points of many reflectances, seen from several heights, so tell the two apart; the darkest of all bound it from above.
+//!
+//! The strength b joins the joint solve to first order, S is tabulated anew from the beam and α in hand, and what is
+//! known is taken off the colours before the logarithm. In: samples. Out: b, and colours freed of it.
+
+use super::candidates::completed;
+use super::joint::{LEAST_DIRECT_SHARE, Problem, Setting};
+use super::robust;
+use super::samples::{FrameSamples, Sight};
+use super::tracks::{Observation, Track};
+use super::{Samples, held_out};
+use crate::config::Switch;
+use crate::image::Bands;
+use crate::model::{Backscatter, Frustum, Glow, GlowTable};
+
+const STEPS: usize = 12;
+const ROUNDS_PER_STEP: usize = 4;
+/// Steps smaller than this share of b are not taken any more.
+const SETTLED: f64 = 0.01;
+/// `auto` wants b to be surer than this many standard deviations in a band …
+const SURE: f64 = 4.0;
+/// … and held-out frames to be foretold better by this.
+const LEAST_IMPROVEMENT: f64 = 0.02;
+
+/// What was found.
+#[derive(Clone, Debug)]
+pub struct FoundBackscatter {
+    /// the model's part
+    pub backscatter: Backscatter,
+    /// standard deviation of b_Λ [1/m]
+    pub std_per_m: Bands,
+    /// how much better held-out frames are foretold
+    pub improvement: f64,
+    /// median share of scattered light in what tracked points send, per band
+    pub share: Bands,
+    table: GlowTable,
+}
+
+impl FoundBackscatter {
+    /// S_Λ of a sight.
+    pub fn glow(&self, samples: &Samples<'_>, sight: &Sight) -> Glow {
+        let (x, y, s) = samples.ray(sight);
+        self.table.at(x, y, s)
+    }
+
+    /// Frames and tracks with what was scattered back taken off.
+    pub fn taken_off(&self, samples: &Samples<'_>) -> (Vec<FrameSamples>, Vec<Track>) {
+        let bands = samples.bands();
+        let mut tracks = samples.tracks.to_vec();
+        for o in tracks.iter_mut().flatten() {
+            let veil = self.backscatter.light(&self.glow(samples, &o.sight));
+            take_off(&mut o.sight, bands, &veil);
+        }
+        (off_frames(samples, |sight| self.backscatter.light(&self.glow(samples, sight))), tracks)
+    }
+}
+
+/// Frames with a veil taken off their grids; cells that are hardly more than veil are left out.
+fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sight) -> Bands) -> Vec<FrameSamples> {
+    let of_frame = |frame: &FrameSamples| {
+        let clear = |(cell, sight): &(u32, Sight)| {
+            let (veil, mut sight) = (veil(sight), *sight);
+            let is_measured = (0..frame.bands).all(|b| f64::from(sight.log_color[b]).exp() * (1.0 - LEAST_DIRECT_SHARE) > veil[b]);
+            take_off(&mut sight, frame.bands, &veil);
+            is_measured.then_some((*cell, sight))
+        };
+        frame.with_grid(frame.grid.iter().filter_map(clear).collect())
+    };
+    samples.frames.iter().map(of_frame).collect()
+}
+
+fn take_off(sight: &mut Sight, bands: usize, veil: &Bands) {
+    for b in 0..bands {
+        let light = f64::from(sight.log_color[b]).exp();
+        sight.log_color[b] = (light - veil[b]).max(LEAST_DIRECT_SHARE * light).ln() as f32;
+    }
+}
+
+/// Finds b; `None` where the log shows none (or, for `auto`, no evidence of it).
+pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBackscatter> {
+    let (mount, paths) = (samples.body_from_strobe, &|o: &Observation, mount| samples.path_from(o, mount));
+    let plain = Setting { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setting };
+    let mut problem = Problem::new(samples.tracks, &plain, mount, paths)?;
+    let solution = problem.solve(plain.rounds)?;
+    let mut said = problem.said(&solution);
+    let frustum = Frustum::around(samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))));
+    let optical_from_strobe = samples.body_from_optical.inverse() * mount;
+    let mut now = Backscatter::NONE;
+    let mut settled = None;
+    for step in 0..STEPS {
+        now.attenuation_per_m = said.attenuation_per_m.map(|a| a.max(0.0));
+        let table = GlowTable::new(&said.beam, optical_from_strobe, &now.attenuation_per_m, frustum);
+        let glow = |o: &Observation| {
+            let (x, y, s) = samples.ray(&o.sight);
+            table.at(x, y, s)
+        };
+        let before = now;
+        let with_glow = Setting { glow: Some((&before, &glow)), ..plain };
+        let mut problem = Problem::new(samples.tracks, &with_glow, mount, paths)?;
+        let solution = problem.solve(with_glow.rounds)?;
+        said = problem.said(&solution);
+        now = said.backscatter;
+        // The pattern as the model will have it, so that what counts as seen is the same in both passes.
+        let frames = off_frames(samples, |sight| {
+            let (x, y, s) = samples.ray(sight);
+            now.light(&table.at(x, y, s))
+        });
+        said.beam =
+            completed(&said.beam.by_node(), &Samples { frames: &frames, ..*samples }, &said.attenuation_per_m, setting.spreading, setting.config);
+        let has_settled = (0..setting.bands).all(|b| (now.strength_per_m[b] - before.strength_per_m[b]).abs() <= SETTLED * now.strength_per_m[b]);
+        if has_settled || step + 1 == STEPS {
+            let answer = problem.answer(&solution)?;
+            let held_out = held_out::misfits(samples.tracks, &Setting { glow: Some((&now, &glow)), ..plain }, mount, paths)?;
+            settled = Some((answer, held_out, table));
+            break;
+        }
+    }
+    let (answer, with, table) = settled?;
+    let (backscatter, std_per_m) = answer.backscatter?;
+    let is_sure = (0..setting.bands).any(|b| backscatter.strength_per_m[b] > SURE * std_per_m[b]);
+    let improvement = held_out::improvement(&held_out::misfits(samples.tracks, &plain, mount, paths)?, &with);
+    let mut found = FoundBackscatter { backscatter, std_per_m, improvement, share: [0.0; 3], table };
+    for b in 0..setting.bands {
+        let share = |o: &Observation| backscatter.light(&found.glow(samples, &o.sight))[b] / f64::from(o.sight.log_color[b]).exp();
+        found.share[b] = robust::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
+    }
+    let is_there = match setting.config.backscatter {
+        Switch::Off => false,
+        Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),
+        Switch::Auto => is_sure && improvement > LEAST_IMPROVEMENT,
+    };
+    is_there.then_some(found)
+}

@@ -1,0 +1,222 @@
+//! The estimators' answers, each ready to be the model, and whether the chosen one can be trusted.
+
+use super::Samples;
+use super::altitude_slope;
+use super::angular_bins;
+use super::joint;
+use super::pairs;
+use super::robust;
+use super::samples::{FrameSamples, Sight};
+use super::tracks::{Observation, Track};
+use crate::config::{EstimateConfig, Spreading};
+use crate::geometry::LightPath;
+use crate::image::Bands;
+use crate::model::{AttenuationOverTime, BeamPattern, EstimatorAnswer, Glow, ImagingModel, Nodes, SpreadingModel, TimeNode, log_geometry};
+use crate::units::Stamp;
+
+/// Samples and grid → an answer, or a sentence why there is none.
+pub type EstimatorOf = fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>;
+
+/// One estimator's answer, ready to be the model.
+pub struct Candidate {
+    pub model: ImagingModel,
+    pub std_per_m: Bands,
+    pub answer: EstimatorAnswer,
+    path_spread_m: Option<f64>,
+    /// α and its standard deviation from the lower half of the frames [1/m]
+    low: Option<(Bands, Bands)>,
+}
+
+impl Candidate {
+    fn new(model: ImagingModel, std_per_m: Bands, observations: usize, residual: f64, details: &[(&str, f64)]) -> Self {
+        let bands = model.bands;
+        let answer = EstimatorAnswer {
+            attenuation_per_m: Some(model.attenuation_per_m[..bands].to_vec()),
+            attenuation_std_per_m: Some(std_per_m[..bands].to_vec()),
+            observations,
+            residual: Some(residual),
+            details: details.iter().map(|(k, v)| (String::from(*k), *v)).collect(),
+            note: None,
+        };
+        Self { model, std_per_m, answer, path_spread_m: None, low: None }
+    }
+}
+
+pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+    if samples.tracks.len() < config.least_pairs {
+        return Err(format!("{} points seen more than once; {} are needed", samples.tracks.len(), config.least_pairs));
+    }
+    let spreading = SpreadingModel::of(config.spreading);
+    let bands = samples.bands();
+    let fit = config.spreading == Spreading::Fit;
+    let glow_of = |o: &Observation| samples.glow.map_or(Glow::default(), |(g, _)| g.glow(samples, &o.sight));
+    let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
+    let setting = joint::Setting {
+        glow: samples.glow.map(|(g, _)| (&g.backscatter, &glow_of as &joint::GlowOf<'_>)),
+        drift: samples.drift.map(|d| &d.places),
+        fit_exponent: fit,
+        free_strobe: samples.strobe_is_found,
+        ..samples.setting(nodes, config)
+    };
+    let answer = joint::solve(tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
+        .ok_or("the points seen more than once do not hold the unknowns")?;
+    let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
+    let beam_pattern = completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
+    let over_time = samples.drift.map(|d| {
+        let node = |(stamp, (alpha, std)): (&Stamp, &(Bands, Bands))| TimeNode {
+            stamp_ns: stamp.0,
+            attenuation_per_m: alpha[..bands].to_vec(),
+            attenuation_std_per_m: std[..bands].to_vec(),
+        };
+        AttenuationOverTime(d.stamps.iter().zip(&answer.over_time).map(node).collect())
+    });
+    let backscatter = answer.backscatter.map(|b| b.0);
+    let model = ImagingModel {
+        over_time: over_time.unwrap_or_default(),
+        backscatter,
+        ..samples.model(answer.attenuation_per_m, spreading, beam_pattern, config)
+    };
+    let mut details = vec![("tracks", answer.tracks as f64), ("path_spread_m", answer.path_spread_m)];
+    if bands == 3 {
+        details.push(("red_minus_green_std_per_m", answer.difference_std_per_m[0]));
+        details.push(("green_minus_blue_std_per_m", answer.difference_std_per_m[1]));
+    }
+    if let Some((exponent, std)) = answer.exponent {
+        details.extend([("spreading_exponent", exponent), ("spreading_exponent_std", std)]);
+    }
+    let low = low_answer(samples, tracks, &setting);
+    if let Some(low) = &low {
+        let names = ["low_frames_red_per_m", "low_frames_green_per_m", "low_frames_blue_per_m"];
+        details.extend(names.iter().zip(low.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
+    }
+    let candidate = Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details);
+    Ok(Candidate { path_spread_m: Some(answer.path_spread_m), low: low.map(|l| (l.attenuation_per_m, l.std_per_m)), ..candidate })
+}
+
+/// The same solve on the lower half of the frames alone: what scatters back grows with height, and so the two part.
+fn low_answer(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<'_>) -> Option<joint::JointAnswer> {
+    let altitudes: Vec<f64> = samples.frames.iter().map(|f| f.camera_altitude_m).collect();
+    let middle = robust::median(&altitudes);
+    let low: Vec<Track> = tracks
+        .iter()
+        .map(|t| t.iter().copied().filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.camera_altitude_m <= middle)).collect())
+        .filter(|t: &Track| t.len() >= 2)
+        .collect();
+    joint::solve(&low, setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
+}
+
+/// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both are known.
+pub fn completed(beam: &[Option<f64>], samples: &Samples<'_>, alpha: &Bands, spreading: SpreadingModel, config: &EstimateConfig) -> BeamPattern {
+    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let bins =
+        angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|f, s| s.path(f.normal, samples.body_from_strobe))
+            .by_node();
+    let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
+    let level = robust::median(&steps);
+    let values: Vec<Option<f64>> = beam.iter().zip(&bins).map(|(a, b)| a.or(b.map(|b| b + level).filter(|v| v.is_finite()))).collect();
+    BeamPattern::from_nodes(nodes, &values)
+}
+
+pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+    if samples.tracks.len() < config.least_pairs {
+        return Err(format!("{} points seen more than once; {} are needed", samples.tracks.len(), config.least_pairs));
+    }
+    let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
+    let mut beam_pattern = BeamPattern::uniform(nodes); // "assume BP ≈ 1", §IV-B
+    let path = |o: &Observation| samples.path(o);
+    let pairs = |beam: &BeamPattern| {
+        let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
+        pairs::attenuation(samples.tracks, bands, config.attenuation_floor_per_m, &path, &known)
+            .ok_or_else(|| String::from("path lengths do not differ within the pairs"))
+    };
+    let first = pairs(&beam_pattern)?;
+    let mut answer = first.clone();
+    for _ in 0..config.sweeps {
+        let before = answer.attenuation_per_m;
+        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|f, s| {
+            s.path(f.normal, samples.body_from_strobe)
+        }); // Eq. 17
+        answer = pairs(&beam_pattern)?; // "we also recompute", §IV-C
+        if settled(&before, &answer.attenuation_per_m) {
+            break;
+        }
+    }
+    let used = answer.by_image.len() as f64;
+    let mut details = vec![("images", used)];
+    let names = ["before_beam_pattern_red_per_m", "before_beam_pattern_green_per_m", "before_beam_pattern_blue_per_m"];
+    details.extend(names.iter().zip(first.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
+    let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
+    Ok(Candidate::new(model, answer.std_per_m, answer.pairs, answer.residual, &details))
+}
+
+pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+    let spread = samples.altitude_spread();
+    if samples.frames.len() < 5 || !samples.altitude_varies(config) {
+        return Err(format!(
+            "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is needed",
+            samples.frames.len(),
+            config.least_altitude_spread
+        ));
+    }
+    let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
+    let mut beam_pattern = BeamPattern::uniform(nodes);
+    let path = |f: &FrameSamples, s: &Sight| s.path(f.normal, samples.body_from_strobe);
+    let slope = |beam: &BeamPattern| {
+        let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
+        altitude_slope::attenuation(samples.frames, bands, &path, &known)
+            .ok_or_else(|| String::from("too few frames share a part of the picture that is lit"))
+    };
+    let mut answer = slope(&beam_pattern)?;
+    for _ in 0..config.sweeps {
+        let before = answer.attenuation_per_m;
+        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &path);
+        answer = slope(&beam_pattern)?;
+        if settled(&before, &answer.attenuation_per_m) {
+            break;
+        }
+    }
+    let mut details = vec![("altitude_spread", spread), ("farthest_m", answer.farthest_m)];
+    let names = ["channel_means_red_per_m", "channel_means_green_per_m", "channel_means_blue_per_m"];
+    details.extend(names.iter().zip(answer.effective_by_channel_means_per_m).take(bands).map(|(n, v)| (*n, v)));
+    let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
+    Ok(Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details))
+}
+
+fn settled(before: &Bands, after: &Bands) -> bool {
+    before.iter().zip(after).all(|(a, b)| (a - b).abs() < 1e-4)
+}
+
+/// α of the lower half of the frames may differ from that of all by this much, whatever the noise says [1/m].
+const LEAST_PARTING_PER_M: f64 = 0.03;
+
+/// Why the number cannot be trusted, if it cannot.
+pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &EstimateConfig) -> Option<String> {
+    let model = &candidate.model;
+    let spread = samples.altitude_spread();
+    let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
+    let least = model.attenuation_per_m[..model.bands].iter().copied().fold(f64::INFINITY, f64::min);
+    if !samples.altitude_varies(config) {
+        return Some(format!("altitude hardly varies (the highest is {spread:.2} times the lowest)"));
+    }
+    if candidate.path_spread_m.is_some_and(|p| p < 0.05) {
+        return Some(format!(
+            "points are seen from nearly the same distance (path lengths differ by {:.3} m)",
+            candidate.path_spread_m.unwrap_or_default()
+        ));
+    }
+    if let Some((low, low_std)) = &candidate.low {
+        for b in 0..model.bands {
+            let (all, std) = (model.attenuation_per_m[b], candidate.std_per_m[b].hypot(low_std[b]));
+            if (low[b] - all).abs() > LEAST_PARTING_PER_M.max(4.0 * std) {
+                return Some(format!(
+                    "the lower half of the frames alone says {:.3} per metre where all say {all:.3}: light that the water scatters back is not modelled, or the light changed",
+                    low[b]
+                ));
+            }
+        }
+    }
+    if least <= 0.0 {
+        return Some(format!("an attenuation of {least:.3} per metre is not physical: altitude and light cannot be told apart in this log"));
+    }
+    (worst > 0.08).then(|| format!("the estimate is uncertain by {worst:.2} per metre"))
+}

@@ -1,0 +1,81 @@
+//! Water that changes along the log: nodes of α in time, where held-out frames are foretold better by them.
+//!
+//! Each stretch of a dozen frames or more may have its own α; nodes run on smoothly, but
+//! not where the log stops for a while.
+
+use super::joint::{Drift, Setting};
+use super::tracks::Observation;
+use super::{Samples, held_out, robust};
+use crate::config::Switch;
+use crate::units::Stamp;
+
+/// Frames that a node needs.
+const FRAMES_PER_NODE: usize = 12;
+const MOST_NODES: usize = 24;
+/// A log that stops for longer is not the same water [s], and …
+const GAP_S: f64 = 120.0;
+/// … for so many times its own interval between frames.
+const GAP_INTERVALS: f64 = 20.0;
+/// `auto` wants the height to have gone through its range so many times.
+const LEAST_TRAVELS: f64 = 2.5;
+/// `auto` wants held-out frames to be foretold better by this.
+const LEAST_IMPROVEMENT: f64 = 0.02;
+
+/// Nodes of α in time.
+#[derive(Clone, Debug)]
+pub struct FoundDrift {
+    /// where they stand
+    pub stamps: Vec<Stamp>,
+    /// where each frame stands among them
+    pub places: Drift,
+}
+
+/// Nodes where the log supports them.
+pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundDrift> {
+    let found = nodes(samples)?;
+    if setting.config.drift == Switch::Auto && !altitude_recurs(samples) {
+        return None;
+    }
+    let (mount, paths) = (samples.body_from_strobe, &|o: &Observation, mount| samples.path_from(o, mount));
+    let steady = Setting { free_strobe: false, drift: None, ..*setting };
+    let without = held_out::misfits(samples.tracks, &steady, mount, paths)?;
+    let with = held_out::misfits(samples.tracks, &Setting { drift: Some(&found.places), ..steady }, mount, paths)?;
+    let improvement = held_out::improvement(&without, &with);
+    (setting.config.drift == Switch::On || improvement > LEAST_IMPROVEMENT).then_some(found)
+}
+
+/// Whether the dive comes back to its heights: one long climb cannot tell changing water from what grows with height.
+fn altitude_recurs(samples: &Samples<'_>) -> bool {
+    let mut by_time: Vec<(i64, f64)> = samples.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
+    by_time.sort_by_key(|(t, _)| *t);
+    let heights: Vec<f64> = by_time.iter().map(|(_, h)| *h).collect();
+    let span = robust::quantile(&heights, 0.95) - robust::quantile(&heights, 0.05);
+    let travelled: f64 = heights.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
+    travelled > LEAST_TRAVELS * span
+}
+
+fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
+    let times: Vec<i64> = samples.frames.iter().map(|f| f.stamp.0).collect();
+    let (first, last) = (*times.iter().min()?, *times.iter().max()?);
+    let intervals = (times.len() / FRAMES_PER_NODE).min(MOST_NODES - 1);
+    if intervals == 0 || last <= first {
+        return None;
+    }
+    let mut sorted = times.clone();
+    sorted.sort_unstable();
+    // Nodes stand so that as many frames lie between each two.
+    let stamps: Vec<i64> = (0..=intervals).map(|k| sorted[k * (sorted.len() - 1) / intervals]).collect();
+    let steps: Vec<f64> = sorted.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
+    let gap_s = GAP_S.max(GAP_INTERVALS * robust::median(&steps));
+    let joined = stamps.windows(2).map(|w| {
+        let within = sorted.windows(2).filter(|s| s[0] >= w[0] && s[1] <= w[1]);
+        within.map(|s| (s[1] - s[0]) as f64 * 1e-9).fold(0.0, f64::max) < gap_s
+    });
+    let place = |time: &i64| {
+        let node = stamps.partition_point(|s| s <= time).saturating_sub(1).min(intervals - 1);
+        let length = (stamps[node + 1] - stamps[node]).max(1) as f64;
+        (node, ((time - stamps[node]) as f64 / length).clamp(0.0, 1.0))
+    };
+    let places = Drift { places: times.iter().map(place).collect(), nodes: intervals + 1, joined: joined.collect() };
+    Some(FoundDrift { stamps: stamps.into_iter().map(Stamp).collect(), places })
+}

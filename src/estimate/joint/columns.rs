@@ -1,0 +1,135 @@
+//! Where each unknown of the joint solve stands: beam nodes, α (band by band, node by node in time), exponent,
+//! strength of backscatter, strobe.
+
+use super::{Row, Setting};
+use crate::model::{Backscatter, SHAPES};
+
+/// The most entries that a row has: beam 4, α 2, exponent 1, glow 3, strobe 3.
+const MOST: usize = 13;
+
+/// The non-zero entries of a row's design for one band.
+pub struct Entries {
+    list: [(usize, f64); MOST],
+    count: usize,
+}
+
+impl Entries {
+    fn put(&mut self, unknown: usize, value: f64) {
+        self.list[self.count] = (unknown, value);
+        self.count += 1;
+    }
+}
+
+impl std::ops::Deref for Entries {
+    type Target = [(usize, f64)];
+    fn deref(&self) -> &[(usize, f64)] {
+        &self.list[..self.count]
+    }
+}
+
+/// The layout.
+pub struct Columns {
+    /// node → unknown, `usize::MAX` where it is none
+    beam: Vec<usize>,
+    beam_nodes: usize,
+    bands: usize,
+    time_nodes: usize,
+    with_exponent: bool,
+    with_glow: bool,
+    /// whether the strobe's place is an unknown now
+    pub with_strobe: bool,
+}
+
+impl Columns {
+    pub fn new(is_seen: impl Iterator<Item = bool>, setting: &Setting<'_>) -> Self {
+        let mut beam_nodes = 0;
+        let beam = is_seen.map(|seen| {
+            beam_nodes += usize::from(seen);
+            if seen { beam_nodes - 1 } else { usize::MAX }
+        });
+        Self {
+            beam: beam.collect(),
+            beam_nodes,
+            bands: setting.bands,
+            time_nodes: setting.drift.map_or(1, |d| d.nodes),
+            with_exponent: setting.fit_exponent,
+            with_glow: setting.glow.is_some(),
+            with_strobe: false,
+        }
+    }
+
+    pub fn beam_nodes(&self) -> usize {
+        self.beam_nodes
+    }
+
+    pub fn beam_node(&self, node: usize) -> Option<usize> {
+        self.beam.get(node).copied().filter(|i| *i != usize::MAX)
+    }
+
+    pub fn attenuation(&self, band: usize, time: usize) -> usize {
+        self.beam_nodes + band * self.time_nodes + time
+    }
+
+    fn after_attenuation(&self) -> usize {
+        self.attenuation(self.bands, 0)
+    }
+
+    pub fn exponent(&self) -> Option<usize> {
+        self.with_exponent.then(|| self.after_attenuation())
+    }
+
+    pub fn glow(&self, band: usize) -> Option<usize> {
+        self.with_glow.then(|| self.glow_begins() + band)
+    }
+
+    /// Unknowns from here to the strobe are of what scatters back.
+    pub fn glow_begins(&self) -> usize {
+        self.after_attenuation() + usize::from(self.with_exponent)
+    }
+
+    pub fn shape(&self, term: usize) -> Option<usize> {
+        self.glow(self.bands + term)
+    }
+
+    pub fn strobe(&self) -> usize {
+        self.glow_begins() + if self.with_glow { self.bands + SHAPES } else { 0 }
+    }
+
+    pub fn count(&self) -> usize {
+        self.strobe() + if self.with_strobe { 3 } else { 0 }
+    }
+
+    /// The design of a row for one band.
+    pub fn entries(&self, setting: &Setting<'_>, back: &Backscatter, row: &Row, band: usize) -> Entries {
+        let mut entries = Entries { list: [(0, 0.0); MOST], count: 0 };
+        for (node, weight) in row.nodes {
+            if let Some(unknown) = self.beam_node(node) {
+                entries.put(unknown, weight);
+            }
+        }
+        match setting.drift {
+            None => entries.put(self.attenuation(band, 0), -row.length_m),
+            Some(drift) => {
+                let (node, share) = drift.places[row.frame as usize];
+                entries.put(self.attenuation(band, node), -row.length_m * (1.0 - share));
+                if share > 0.0 {
+                    entries.put(self.attenuation(band, node + 1), -row.length_m * share);
+                }
+            }
+        }
+        if let Some(unknown) = self.exponent() {
+            entries.put(unknown, -row.log_strobe_leg);
+        }
+        if let Some(unknown) = self.glow(band) {
+            entries.put(unknown, row.glow.of_band(band, &back.shape) * row.per_direct[band]);
+        }
+        if let Some(first) = self.shape(0) {
+            let by_shape = row.glow.by_shape(band);
+            by_shape.iter().enumerate().for_each(|(k, x)| entries.put(first + k, x * back.strength_per_m[band] * row.per_direct[band]));
+        }
+        if self.with_strobe {
+            (0..3).for_each(|axis| entries.put(self.strobe() + axis, row.by_strobe[band][axis]));
+        }
+        entries
+    }
+}

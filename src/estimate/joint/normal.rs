@@ -1,0 +1,222 @@
+//! The equations of the joint solve: built track by track with ρ eliminated, solved, and weighed anew.
+
+use std::ops::Range;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::super::robust;
+use super::{LEAST_DIRECT_SHARE, NOISE_CLASSES, Problem, Row, Solution};
+use crate::model::SHAPES;
+
+/// Weight of the second difference of α in time: it bends by 0.005 per metre from node to node, for a misfit of 0.01.
+const TIME_BENDS: f64 = 4.0;
+/// Weight of the first: no more than holds a stretch that no track tells of.
+const TIME_STEPS: f64 = 1e-3;
+
+/// Weight that holds η and ζ where they are, in case no light tells of them.
+const SHAPE_HELD: f64 = 1e-3;
+
+impl Problem<'_> {
+    /// Reweighted least squares; keeps the weights for what follows.
+    pub fn solve(&mut self, rounds: usize) -> Option<Solution> {
+        let smooth = self.smoothness();
+        let mut solution = None;
+        for _ in 0..rounds.max(1) {
+            let (normal, right) = self.normal_equations(&smooth);
+            let values = normal.cholesky()?.solve(&right);
+            let misfits = self.misfits(&values);
+            let (weights, residual) = reweighted(&self.rows, &misfits, self.setting.bands);
+            self.weights = weights;
+            let values = self.begin_anew(values);
+            solution = Some(Solution { values, residual });
+        }
+        solution
+    }
+
+    /// Takes the step in what scatters back, and makes the rows linear about the solution.
+    fn begin_anew(&mut self, mut values: DVector<f64>) -> DVector<f64> {
+        if self.setting.glow.is_none() {
+            return values;
+        }
+        let direct: Vec<[f64; 3]> = {
+            let said: Vec<[f64; 3]> =
+                self.rows.iter().map(|r| std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 })).collect();
+            let by_glow = |r: &Row, b: usize| {
+                self.columns
+                    .entries(&self.setting, &self.back, r, b)
+                    .iter()
+                    .filter(|(i, _)| *i >= self.columns.glow_begins())
+                    .map(|(i, x)| x * values[*i])
+                    .sum::<f64>()
+            };
+            let mut direct = vec![[0.0; 3]; self.rows.len()];
+            for track in self.tracks() {
+                for b in 0..self.setting.bands {
+                    let total: f64 = track.clone().map(|i| self.weights[i][b]).sum();
+                    let reflectance = track.clone().map(|i| self.weights[i][b] * (self.rows[i].y[b] - said[i][b])).sum::<f64>() / total.max(1e-12);
+                    for i in track.clone() {
+                        direct[i][b] = reflectance + said[i][b] - by_glow(&self.rows[i], b);
+                    }
+                }
+            }
+            direct
+        };
+        for b in 0..self.setting.bands {
+            if let Some(i) = self.columns.glow(b) {
+                self.back.strength_per_m[b] = (self.back.strength_per_m[b] + values[i]).clamp(0.0, self.most_scattered[b]);
+                values[i] = 0.0;
+            }
+        }
+        let step = std::array::from_fn(|k| self.columns.shape(k).map_or(0.0, |i| std::mem::take(&mut values[i])));
+        self.back.reshape(step);
+        for (row, log_direct) in self.rows.iter_mut().zip(direct) {
+            let scattered = self.back.light(&row.glow);
+            for b in 0..self.setting.bands {
+                let direct = (log_direct[b] + row.geometry).exp().max(LEAST_DIRECT_SHARE * scattered[b]);
+                let all = direct + scattered[b];
+                row.direct_share[b] = direct / all;
+                row.per_direct[b] = 1.0 / direct;
+                row.y[b] = direct.ln() - row.geometry + (f64::from(row.log_color[b]) - all.ln()) / row.direct_share[b];
+            }
+        }
+        values
+    }
+
+    /// What the unknowns say of a row.
+    pub(super) fn modelled(&self, row: &Row, band: usize, values: &DVector<f64>) -> f64 {
+        self.columns.entries(&self.setting, &self.back, row, band).iter().map(|(p, x)| x * values[*p]).sum()
+    }
+
+    /// Second differences of neighbouring nodes of the beam, first differences of those in time, and a ridge for the
+    /// one free constant.
+    pub fn smoothness(&self) -> DMatrix<f64> {
+        let unknowns = self.columns.count();
+        let weight = self.setting.config.beam_smoothness;
+        let mut matrix = DMatrix::from_diagonal_element(unknowns, unknowns, 1e-6);
+        let mut hold = |terms: &[(usize, f64)], weight: f64| {
+            for (p, a) in terms {
+                for (q, b) in terms {
+                    matrix[(*p, *q)] += weight * a * b;
+                }
+            }
+        };
+        let n = self.setting.nodes.count;
+        for i in 0..n {
+            for j in 0..n {
+                for (step, inside) in [(1, j + 2 < n), (n, i + 2 < n)] {
+                    let node = |k: usize| if inside { self.columns.beam_node(i * n + j + k * step) } else { None };
+                    if let (Some(a), Some(b), Some(c)) = (node(0), node(1), node(2)) {
+                        hold(&[(a, 1.0), (b, -2.0), (c, 1.0)], weight);
+                    }
+                }
+            }
+        }
+        for unknown in (0..SHAPES).filter_map(|k| self.columns.shape(k)) {
+            hold(&[(unknown, 1.0)], SHAPE_HELD);
+        }
+        if let Some(drift) = self.setting.drift {
+            for b in 0..self.setting.bands {
+                let node = |k: usize| self.columns.attenuation(b, k);
+                (0..drift.joined.len()).for_each(|k| hold(&[(node(k), 1.0), (node(k + 1), -1.0)], TIME_STEPS));
+                // Across a gap the water may be another.
+                for k in (1..drift.joined.len()).filter(|k| drift.joined[k - 1] && drift.joined[*k]) {
+                    hold(&[(node(k - 1), 1.0), (node(k), -2.0), (node(k + 1), 1.0)], TIME_BENDS);
+                }
+            }
+        }
+        matrix
+    }
+
+    /// Normal matrix and right-hand side of all tracks, over `smooth`.
+    pub fn normal_equations(&self, smooth: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
+        let (mut matrix, mut right) = (smooth.clone(), DVector::zeros(self.columns.count()));
+        for track in self.tracks() {
+            self.add_track(track, &mut matrix, &mut right);
+        }
+        (matrix, right)
+    }
+
+    /// Adds one track with its reflectance eliminated.
+    pub fn add_track(&self, track: Range<usize>, matrix: &mut DMatrix<f64>, right: &mut DVector<f64>) {
+        let mut sum: Vec<(usize, f64)> = Vec::new();
+        for b in 0..self.setting.bands {
+            sum.clear();
+            let (mut total, mut total_y) = (0.0, 0.0);
+            for (row, weight) in self.rows[track.clone()].iter().zip(&self.weights[track.clone()]) {
+                let (w, entries) = (weight[b], self.columns.entries(&self.setting, &self.back, row, b));
+                for (p, x) in entries.iter() {
+                    right[*p] += w * x * row.y[b];
+                    for (q, z) in entries.iter() {
+                        matrix[(*p, *q)] += w * x * z;
+                    }
+                    match sum.iter_mut().find(|(k, _)| k == p) {
+                        Some((_, s)) => *s += w * x,
+                        None => sum.push((*p, w * x)),
+                    }
+                }
+                total += w;
+                total_y += w * row.y[b];
+            }
+            if total > 1e-12 {
+                for (p, x) in &sum {
+                    right[*p] -= x * total_y / total;
+                    for (q, z) in &sum {
+                        matrix[(*p, *q)] -= x * z / total;
+                    }
+                }
+            }
+        }
+    }
+
+    /// y − ρ − model per observation and band, in log c, raised for the freedom that ρ took.
+    pub fn misfits(&self, values: &DVector<f64>) -> Vec<[f64; 3]> {
+        let mut misfits = vec![[0.0; 3]; self.rows.len()];
+        for track in self.tracks() {
+            let freedom = freedom(&track);
+            for b in 0..self.setting.bands {
+                let (mut total, mut mean) = (0.0, 0.0);
+                for i in track.clone() {
+                    misfits[i][b] = self.rows[i].y[b] - self.modelled(&self.rows[i], b, values);
+                    total += self.weights[i][b];
+                    mean += self.weights[i][b] * misfits[i][b];
+                }
+                for i in track.clone() {
+                    misfits[i][b] = (misfits[i][b] - mean / total.max(1e-12)) * freedom * self.rows[i].direct_share[b];
+                }
+            }
+        }
+        misfits
+    }
+}
+
+/// Misfits are small by the freedom that a track's own reflectance takes.
+pub fn freedom(track: &Range<usize>) -> f64 {
+    (track.len() as f64 / (track.len() as f64 - 1.0)).sqrt()
+}
+
+/// New weights of y from misfits of log c, and the overall spread.
+fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]>, f64) {
+    let all: Vec<f64> = misfits.iter().flat_map(|m| m[..bands].iter().copied()).collect();
+    let residual = robust::scale(&all);
+    let mut scales = [[residual; NOISE_CLASSES]; 3];
+    for (b, of_band) in scales.iter_mut().enumerate().take(bands) {
+        for (class, scale) in of_band.iter_mut().enumerate() {
+            let of_class: Vec<f64> = rows.iter().zip(misfits).filter(|(r, _)| usize::from(r.class[b]) == class).map(|(_, m)| m[b]).collect();
+            if of_class.len() >= 30 {
+                *scale = robust::scale(&of_class).max(0.2 * residual);
+            }
+        }
+    }
+    let weights = rows
+        .iter()
+        .zip(misfits)
+        .map(|(row, misfit)| {
+            let scale = |b: usize| scales[b][usize::from(row.class[b])];
+            // A false match is false in all bands: the robust factor is shared.
+            let common = ((0..bands).map(|b| (misfit[b] / scale(b)).powi(2)).sum::<f64>() / bands as f64).sqrt();
+            let trust = robust::cauchy(common, 1.0);
+            std::array::from_fn(|b| if b < bands { trust * (residual / scale(b) * row.direct_share[b]).powi(2) } else { 0.0 })
+        })
+        .collect();
+    (weights, residual)
+}

@@ -1,0 +1,36 @@
+//! How sure the joint solve is. What a frame gets wrong (plane, attitude) it gets wrong in all its points, so points do
+//! not count as independent: tracks are taken in stretches of frames, each stretch is left out in turn, and the
+//! spread of the answers is the standard deviation (a jackknife over blocks, with the weights held).
+
+use nalgebra::{DMatrix, DVector};
+
+use super::Problem;
+
+/// Stretches of frames whose errors are taken to be independent.
+const STRETCHES: usize = 12;
+
+impl Problem<'_> {
+    /// Covariance of the unknowns from `first` on.
+    pub fn covariance(&self, first: usize) -> Option<DMatrix<f64>> {
+        let (unknowns, frames) = (self.columns.count(), self.setting.frames);
+        let (normal, whole) = self.normal_equations(&self.smoothness());
+        let values = normal.clone().cholesky()?.solve(&whole);
+        let stretches = STRETCHES.min(frames).max(2);
+        let mut parts = vec![(DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns)); stretches];
+        for track in self.tracks() {
+            // A track belongs where its middle view is.
+            let frame = self.rows[(track.start + track.end) / 2].frame as usize;
+            let (matrix, right) = &mut parts[(frame * stretches / frames.max(1)).min(stretches - 1)];
+            self.add_track(track, matrix, right);
+        }
+        let mut covariance = DMatrix::zeros(unknowns - first, unknowns - first);
+        let n = stretches as f64;
+        for (matrix, right) in parts {
+            let without = (&normal - matrix).cholesky()?.solve(&(&whole - right));
+            let step = (without - &values).rows(first, unknowns - first).into_owned();
+            covariance += &step * step.transpose() * ((n - 1.0) / n);
+        }
+        // Few stretches: their own spread is uncertain, by Student's factor (about 1.12 for twelve).
+        Some(covariance * (1.0 + 1.3 / (n - 1.0)).powi(2))
+    }
+}
