@@ -24,8 +24,17 @@ pub struct AttenuationOverTime(pub Vec<TimeNode>);
 impl AttenuationOverTime {
     /// α [1/m] at a time; `None` where it does not change.
     pub fn at(&self, stamp: Stamp) -> Option<Bands> {
+        self.between(stamp, |n| &n.attenuation_per_m)
+    }
+
+    /// Its standard deviation [1/m] at a time.
+    pub fn std_at(&self, stamp: Stamp) -> Option<Bands> {
+        self.between(stamp, |n| &n.attenuation_std_per_m)
+    }
+
+    fn between(&self, stamp: Stamp, of: impl Fn(&TimeNode) -> &Vec<f64>) -> Option<Bands> {
         let after = self.0.partition_point(|n| n.stamp_ns <= stamp.0);
-        let of = |node: &TimeNode, b: usize| node.attenuation_per_m.get(b).copied().unwrap_or_default();
+        let of = |node: &TimeNode, b: usize| of(node).get(b).copied().unwrap_or_default();
         Some(match (after.checked_sub(1).and_then(|i| self.0.get(i)), self.0.get(after)) {
             (Some(from), Some(to)) => {
                 let share = (stamp.0 - from.stamp_ns) as f64 / (to.stamp_ns - from.stamp_ns) as f64;

@@ -355,12 +355,10 @@ impl PassTwo<'_> {
                 put(out, channel, &output::camera_info(&done.heading, &self.survey.rig.camera.rectified()))?;
             }
         }
-        let alpha = padded(&self.file.attenuation_per_m);
-        let attenuation = output::headed(&done.heading)
-            .f64_array(&alpha)
-            .f64_array(&padded(&self.file.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect::<Vec<_>>()));
+        let (alpha, std) = self.attenuation_at(stamp);
+        let attenuation = output::headed(&done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
         put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish())?;
-        put(out, added.plot_attenuation, &output::multi_array("red_green_blue", &self.file.attenuation_per_m))?;
+        put(out, added.plot_attenuation, &output::multi_array("red_green_blue", &alpha))?;
         if let Some(plane) = &done.plane {
             let rig = &self.survey.rig;
             let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
@@ -398,6 +396,15 @@ impl PassTwo<'_> {
             put(out, added.log, &output::log(stamp, Level::Warn, &format!("not corrected: {reason}")))?;
         }
         Ok(count)
+    }
+
+    /// α and its standard deviation at a time [1/m]; NaN where it is not known.
+    fn attenuation_at(&self, stamp: Stamp) -> (Vec<f64>, Vec<f64>) {
+        let bands = self.model.bands;
+        match (self.model.over_time.at(stamp), self.model.over_time.std_at(stamp)) {
+            (Some(alpha), Some(std)) => (alpha[..bands].to_vec(), std[..bands].to_vec()),
+            _ => (self.file.attenuation_per_m.clone(), self.file.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect()),
+        }
     }
 
     fn opening_lines(&self) -> Vec<(Level, String)> {
