@@ -23,7 +23,7 @@ pub enum Error {
     #[error("{what} in {path}: {reason}")]
     BadFile { path: PathBuf, what: &'static str, reason: String },
     #[error(
-        "the log has no camera images that can be read; it has {seen}. unwater needs sensor_msgs/Image or sensor_msgs/CompressedImage (cdr, ros2msg)"
+        "the log has no camera images that can be read; it has {seen}. unwater needs pictures shaped like sensor_msgs/Image, sensor_msgs/CompressedImage, foxglove.RawImage or foxglove.CompressedImage, in CDR, ROS 1, protobuf or JSON"
     )]
     NoCamera { seen: String },
     #[error("the log has {found} cameras: {topics}; say which with --camera TOPIC")]

@@ -1,6 +1,6 @@
 //! `std_msgs/Float64` or `Float32` on a topic that says altitude: no stamp, no flag; 0 and below mean lost.
 
-use super::{PingReading, Value, missing, ros_schema::Layout};
+use super::{PingReading, Value, layout::Layout, missing};
 use crate::units::{Altitude, Stamp};
 use crate::vehicle::{DvlFacts, Ping};
 

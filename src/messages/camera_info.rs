@@ -1,6 +1,6 @@
-//! `sensor_msgs/CameraInfo`: the calibration. K\[0\] = 0 means there is none, which is common.
+//! `sensor_msgs/CameraInfo`, `foxglove.CameraCalibration`: the calibration. K\[0\] = 0 means there is none, which is common.
 
-use super::{Value, missing, ros_schema::Layout};
+use super::{Value, layout::Layout, missing};
 use crate::vehicle::{Camera, Distortion};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {

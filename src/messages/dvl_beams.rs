@@ -3,7 +3,7 @@
 //! Definition: paagutie/dvl_msgs. The message has no directions: the Water Linked geometry is assumed unless the
 //! rig file names another. `altitude` freezes at the last good value, so it is never used.
 
-use super::{PingReading, Value, heading, missing, ros_schema::Layout};
+use super::{PingReading, Value, heading, layout::Layout, missing};
 use crate::units::{SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping};
 

@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::{PingReading, Value, heading, missing, ros_schema::Layout};
+use super::{PingReading, Value, heading, layout::Layout, missing};
 use crate::spaces::{Direction, Dvl};
 use crate::units::{SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping};

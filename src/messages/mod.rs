@@ -10,9 +10,15 @@ mod camera_info;
 pub mod cdr;
 mod dvl_beams;
 mod dvl_ranges;
+mod foxglove_transforms;
+mod heading;
+mod idl_schema;
 mod imu;
+mod json;
+pub mod layout;
 mod odometry;
 pub mod output;
+mod protobuf;
 mod range;
 mod ros_compressed_image;
 mod ros_image;
@@ -23,19 +29,11 @@ pub mod value;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use crate::image::EncodedImage;
-use crate::units::Stamp;
 use crate::vehicle::{Camera, DvlFacts, Ping};
-use ros_schema::Layout;
+pub use heading::{Heading, attitude_frame, heading};
+use layout::Layout;
+use ros_schema::Dialect;
 use value::Value;
-
-/// Stamp and frame id of a message.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Heading {
-    /// the header's own time; `None` where the message has none or it is 0
-    pub stamp: Option<Stamp>,
-    /// the TF frame it is given in, without a leading slash
-    pub frame_id: String,
-}
 
 /// A range instrument's report, ready for geometry, or why it is left out.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,6 +109,7 @@ pub const TYPES: &[MessageType] = &[
     MessageType { name: "sensor_msgs/CompressedImage", matches: ros_compressed_image::matches, kind: Kind::Picture(ros_compressed_image::decode) },
     MessageType { name: "sensor_msgs/CameraInfo",      matches: camera_info::matches,          kind: Kind::CameraInfo(camera_info::decode) },
     MessageType { name: "tf2_msgs/TFMessage",          matches: transforms::matches,           kind: Kind::Transforms(transforms::decode) },
+    MessageType { name: "foxglove.FrameTransform(s)",  matches: foxglove_transforms::matches,  kind: Kind::Transforms(foxglove_transforms::decode) },
     MessageType { name: "sensor_msgs/Imu",             matches: imu::matches,                  kind: Kind::Attitude(imu::decode) },
     MessageType { name: "nav_msgs/Odometry",           matches: odometry::matches,             kind: Kind::Attitude(odometry::decode) },
     MessageType { name: "marine_acoustic_msgs/Dvl",    matches: dvl_ranges::matches,           kind: Kind::Ping(0, dvl_ranges::decode) },
@@ -119,9 +118,39 @@ pub const TYPES: &[MessageType] = &[
     MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches,             kind: Kind::Ping(2, altitude::decode) },
 ];
 
+/// How a channel's bytes become values.
+enum Wire {
+    Cdr(Layout),
+    Ros1(Layout),
+    Protobuf(protobuf::Schema),
+    Json(Layout),
+}
+
+impl Wire {
+    /// From a schema; `None` for encodings that are not read.
+    fn of(message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Option<Self>, String> {
+        let text = || String::from_utf8_lossy(schema);
+        Ok(match (message_encoding, schema_encoding) {
+            ("cdr", "ros2msg") => Some(Self::Cdr(ros_schema::parse(schema_name, &text(), Dialect::Ros2)?)),
+            ("cdr", "ros2idl" | "omgidl") => Some(Self::Cdr(idl_schema::parse(schema_name, &text())?)),
+            ("ros1", "ros1msg") => Some(Self::Ros1(ros_schema::parse(schema_name, &text(), Dialect::Ros1)?)),
+            ("protobuf", "protobuf") => Some(Self::Protobuf(protobuf::Schema::parse(schema_name, schema)?)),
+            ("json", "jsonschema") => Some(Self::Json(json::parse_schema(schema)?)),
+            _ => None,
+        })
+    }
+
+    fn layout(&self) -> &Layout {
+        match self {
+            Self::Cdr(layout) | Self::Ros1(layout) | Self::Json(layout) => layout,
+            Self::Protobuf(schema) => &schema.layout,
+        }
+    }
+}
+
 /// A channel that can be read.
 pub struct Decoder {
-    layout: Layout,
+    wire: Wire,
     /// its row of [`TYPES`]
     pub message_type: &'static MessageType,
 }
@@ -132,12 +161,20 @@ impl Decoder {
     /// # Errors
     /// A sentence where the schema cannot be parsed.
     pub fn for_channel(topic: &str, message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Option<Self>, String> {
-        if message_encoding != "cdr" || schema_encoding != "ros2msg" {
-            return Ok(None);
-        }
-        let layout = Layout::parse(schema_name, &String::from_utf8_lossy(schema))?;
-        let found = TYPES.iter().find(|t| (t.matches)(&layout, topic));
-        Ok(found.map(|message_type| Self { layout, message_type }))
+        Ok(Wire::of(message_encoding, schema_name, schema_encoding, schema)?.and_then(|wire| Self::matching(wire, topic)))
+    }
+
+    /// The decoder for a JSON channel without a schema, by its first message.
+    ///
+    /// # Errors
+    /// A sentence where that is no JSON object.
+    pub fn for_json(topic: &str, message: &[u8]) -> Result<Option<Self>, String> {
+        Ok(Self::matching(Wire::Json(json::layout_of(message)?), topic))
+    }
+
+    fn matching(wire: Wire, topic: &str) -> Option<Self> {
+        let found = TYPES.iter().find(|t| (t.matches)(wire.layout(), topic));
+        found.map(|message_type| Self { wire, message_type })
     }
 
     /// Reads one message into named fields.
@@ -145,22 +182,13 @@ impl Decoder {
     /// # Errors
     /// A sentence where the bytes contradict the schema.
     pub fn read<'a>(&self, message: &'a [u8]) -> Result<Value<'a>, String> {
-        cdr::read(&self.layout, message)
+        match &self.wire {
+            Wire::Cdr(layout) => cdr::read(layout, message),
+            Wire::Ros1(layout) => cdr::read_ros1(layout, message),
+            Wire::Protobuf(schema) => schema.read(message),
+            Wire::Json(layout) => json::read(Some(layout), message),
+        }
     }
-}
-
-/// Stamp and frame of any message with a header.
-pub fn heading(value: &Value<'_>) -> Heading {
-    let stamp = value.integer("header.stamp.sec").zip(value.integer("header.stamp.nanosec"));
-    Heading {
-        stamp: stamp.filter(|(s, n)| *s > 0 || *n > 0).map(|(s, n)| Stamp::from_sec_nanos(s, n)),
-        frame_id: value.text("header.frame_id").unwrap_or("").trim_start_matches('/').into(),
-    }
-}
-
-/// The frame whose attitude an attitude message gives: an odometry's child, else the header's.
-pub fn attitude_frame(value: &Value<'_>) -> String {
-    value.text("child_frame_id").map_or_else(|| heading(value).frame_id, |s| s.trim_start_matches('/').into())
 }
 
 fn missing(field: &str) -> String {

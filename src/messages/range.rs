@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{PingReading, Value, heading, missing, ros_schema::Layout};
+use super::{PingReading, Value, heading, layout::Layout, missing};
 use crate::spaces::Direction;
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, Ping};

@@ -34,6 +34,8 @@ pub struct ChannelScan {
     /// median of header time − log time, once the scan is done [s]
     pub clock_offset_s: Option<f64>,
     offsets: Vec<f64>,
+    /// a JSON channel without a schema has been looked at
+    shape_asked: bool,
     /// pictures
     pub frames: Vec<FrameRef>,
     /// codes of 16-bit pictures or-ed together
@@ -104,7 +106,12 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
     }
     for entry in recording.messages(Window::ALL) {
         match entry {
-            Entry::Message(message) => scan.take(&message, window, dvl),
+            Entry::Message(message) => {
+                if let Some(channel) = recording.channels.get(&message.channel) {
+                    scan.know(channel, &message);
+                }
+                scan.take(&message, window, dvl);
+            }
             Entry::Damaged(damage) => scan.damage.push(damage),
         }
     }
@@ -124,6 +131,21 @@ impl Scan {
     pub fn homeless_damage(&self) -> Option<Damage> {
         let reason = format!("{} messages belong to no channel and are left out", self.homeless);
         (self.homeless > 0).then_some(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })
+    }
+
+    /// JSON without a schema: the channel's first message says what it carries.
+    fn know(&mut self, channel: &Channel, message: &Message) {
+        let unknown = channel.schema_id == 0 && channel.message_encoding == "json" && !self.decoders.contains_key(&message.channel);
+        if let Some(of_channel) = self.channels.get_mut(&message.channel).filter(|c| unknown && !c.shape_asked) {
+            of_channel.shape_asked = true;
+            match Decoder::for_json(&channel.topic, message.data()) {
+                Ok(Some(decoder)) => {
+                    self.decoders.insert(message.channel, decoder);
+                }
+                Ok(None) => {}
+                Err(e) => of_channel.unreadable.1 = Some(e),
+            }
+        }
     }
 
     fn take(&mut self, message: &Message, window: Window, dvl: &DvlFacts) {
