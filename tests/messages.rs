@@ -21,15 +21,22 @@ fn read_log(name: &str) -> (Recording, Vec<Message>) {
     (recording, messages)
 }
 
-fn decoder(recording: &Recording, message: &Message) -> Decoder {
+fn decoder(recording: &Recording, message: &Message, rig: &DvlFacts) -> Decoder {
     let channel = &recording.channels[&message.channel];
     if channel.schema_id == 0 {
         return Decoder::for_json(&channel.topic, message.data()).expect("JSON").expect("a decoder");
     }
     let schema = &recording.schemas[&channel.schema_id];
+    if rig.path.is_some() {
+        return Decoder::by_path(&channel.message_encoding, &schema.name, &schema.encoding, &schema.data).expect("a schema");
+    }
     Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data)
         .expect("a schema")
         .expect("a decoder")
+}
+
+fn rig(entry: &Json) -> DvlFacts {
+    entry.get("rig").map(|r| serde_json::from_value(r.clone()).expect("facts")).unwrap_or_default()
 }
 
 fn close(a: f64, b: f64, tolerance: f64) -> bool {
@@ -73,9 +80,11 @@ fn every_message_type_reads_as_its_writer_meant_it() {
     for (file, entry) in expected.as_object().expect("an object") {
         let (recording, messages) = read_log(file);
         let readings = entry["readings"].as_array().expect("readings");
+        let rig = rig(entry);
+        let mut known = None;
         assert_eq!(messages.len(), entry["stamps_ns"].as_array().unwrap().len(), "{file}: messages");
         for (i, message) in messages.iter().enumerate() {
-            let decoder = decoder(&recording, message);
+            let decoder = known.get_or_insert_with(|| decoder(&recording, message, &rig));
             covered.insert(decoder.message_type.name);
             let value = decoder.read(message.data()).expect(file);
             let said = heading(&value);
@@ -117,10 +126,11 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                         assert!(close(r.i, q[0], 1e-6) && close(r.j, q[1], 1e-6) && close(r.k, q[2], 1e-6) && close(r.w, q[3], 1e-6), "{file}");
                     }
                 },
-                Kind::Ping(_, read) => check_ping(file, i, read(&value, &DvlFacts::default()).expect(file).ping, entry, truth),
+                Kind::Ping(_, read) => check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth),
             }
         }
     }
+    covered.remove("dvl.path in the rig file");
     let all: BTreeSet<&str> = TYPES.iter().map(|t| t.name).collect();
     assert_eq!(covered, all, "every row of the table has a log");
 }
@@ -137,6 +147,7 @@ fn check_ping(file: &str, index: usize, ping: Option<unwater::vehicle::Ping>, en
     } else if truth.is_null() {
         assert_eq!(any, 0, "{file}: ping {index} has no bottom range");
     } else {
+        assert_eq!(ranges.len(), truth["ranges_m"].as_array().unwrap().len(), "{file}: beams");
         for (range, truth) in ranges.iter().zip(truth["ranges_m"].as_array().unwrap()) {
             match (range, truth.as_f64()) {
                 (Some(range), Some(truth)) => assert!(close(*range, truth, 1e-6), "{file}: {range} is not {truth}"),
@@ -159,9 +170,9 @@ fn check_ping(file: &str, index: usize, ping: Option<unwater::vehicle::Ping>, en
 #[test]
 fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
     let expected: Json = serde_json::from_str(&std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap()).unwrap();
-    for file in expected.as_object().expect("an object").keys() {
+    for (file, entry) in expected.as_object().expect("an object") {
         let (recording, messages) = read_log(file);
-        let decoder = decoder(&recording, &messages[0]);
+        let decoder = decoder(&recording, &messages[0], &rig(entry));
         let data = messages[0].data();
         for cut in (0..data.len()).step_by(1 + data.len() / 97) {
             let read = decoder.read(&data[..cut]);

@@ -9,7 +9,7 @@ reader and writer cannot hide. `expected.json` holds what a reader must make of 
 put into the log, never by decoding the log.
 
 Every log: one zstd chunk, one channel; profile ros2, message encoding cdr, schema encoding ros2msg (self-contained), but for
-those of other_encodings.py, which are in the others.
+those of other_encodings.py, which are in the others, and some of instruments.py.
 Stamps start at 1750000000.0 s and step by 0.25 s; publish_time = stamp + 5 ms, log_time = stamp + 20 ms.
 
 expected.json is {file: entry}. Each entry has
@@ -20,6 +20,7 @@ expected.json is {file: entry}. Each entry has
     log_times_ns   one per message
     readings       one per message (transforms: one per transform)
     note           what is special about this log, if anything
+    rig            what the [dvl] of a rig file must say for it, if anything
 and the readings are
     image        {width, height, bands, bits, linear, full_scale, rgb_at, tolerance}: rgb_at is [[x, y, [values]], ...],
                  values as fraction of full_scale *of the stored code* (no transfer curve undone), red, green, blue
@@ -52,6 +53,7 @@ from mcap.writer import Writer as RawWriter
 from mcap_ros2.writer import Writer as Ros2Writer
 from PIL import Image
 
+import instruments
 import other_encodings
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -794,6 +796,7 @@ def main():
     waterlinked_dvl()
     altimeters()
     other_encodings.logs(sys.modules[__name__])
+    instruments.logs(sys.modules[__name__])
     write_expected()
 
 

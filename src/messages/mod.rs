@@ -8,7 +8,12 @@
 mod altitude;
 mod camera_info;
 pub mod cdr;
+mod dvl;
+mod dvl_arrays;
 mod dvl_beams;
+mod dvl_by_path;
+mod dvl_numbered;
+mod dvl_points;
 mod dvl_ranges;
 mod foxglove_transforms;
 mod heading;
@@ -16,8 +21,10 @@ mod idl_schema;
 mod imu;
 mod json;
 pub mod layout;
+mod mavlink_distance;
 mod odometry;
 pub mod output;
+mod ping1d;
 mod protobuf;
 mod range;
 mod ros_compressed_image;
@@ -29,19 +36,32 @@ pub mod value;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use crate::image::EncodedImage;
-use crate::vehicle::{Camera, DvlFacts, Ping};
+use crate::vehicle::{Camera, DvlFacts, Ping, RangeKind};
 pub use heading::{Heading, attitude_frame, heading};
 use layout::Layout;
 use ros_schema::Dialect;
 use value::Value;
 
 /// A range instrument's report, ready for geometry, or why it is left out.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PingReading {
     /// `None` where the message holds no bottom range at all (a water-track report)
     pub ping: Option<Ping>,
     /// what had to be mended or assumed, said once per channel
     pub remark: Option<String>,
+    /// the message's own altitude held against its ranges
+    pub height: Option<HeightCheck>,
+}
+
+/// What a message's own altitude says of its ranges: whether they are slant or vertical.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeightCheck {
+    /// altitude over the mean of the ranges, all beams good: about `cosine` where they are slant, 1 where they are vertical
+    pub ratio: f64,
+    /// mean cosine of the beams' angles off their axis
+    pub cosine: f64,
+    /// what the ranges were taken for
+    pub kind: RangeKind,
 }
 
 /// One edge of the TF tree: the child's pose in the parent.
@@ -112,11 +132,23 @@ pub const TYPES: &[MessageType] = &[
     MessageType { name: "foxglove.FrameTransform(s)",  matches: foxglove_transforms::matches,  kind: Kind::Transforms(foxglove_transforms::decode) },
     MessageType { name: "sensor_msgs/Imu",             matches: imu::matches,                  kind: Kind::Attitude(imu::decode) },
     MessageType { name: "nav_msgs/Odometry",           matches: odometry::matches,             kind: Kind::Attitude(odometry::decode) },
+    MessageType { name: "ds_sensor_msgs/Ranges3D",     matches: dvl_points::matches,           kind: Kind::Ping(0, dvl_points::decode) },
     MessageType { name: "marine_acoustic_msgs/Dvl",    matches: dvl_ranges::matches,           kind: Kind::Ping(0, dvl_ranges::decode) },
-    MessageType { name: "dvl_msgs/DVL",                matches: dvl_beams::matches,            kind: Kind::Ping(0, dvl_beams::decode) },
+    MessageType { name: "dvl_msgs/DVL",                matches: dvl_beams::matches_distance,   kind: Kind::Ping(0, dvl_beams::decode) },
+    MessageType { name: "uuv_sensor_ros_plugins/DVL",  matches: dvl_beams::matches_pose,       kind: Kind::Ping(0, dvl_beams::decode) },
+    MessageType { name: "gz.msgs.DVLVelocityTracking", matches: dvl_beams::matches_range,      kind: Kind::Ping(0, dvl_beams::decode) },
+    MessageType { name: "cola2_msgs/LinkquestDvl",     matches: dvl_arrays::matches_vertical,  kind: Kind::Ping(0, dvl_arrays::decode) },
+    MessageType { name: "holoocean/DVLSensorRange",    matches: dvl_arrays::matches_slant,     kind: Kind::Ping(0, dvl_arrays::decode) },
+    MessageType { name: "Nucleus BottomTrack",         matches: dvl_numbered::matches,         kind: Kind::Ping(0, dvl_numbered::decode) },
+    MessageType { name: "MAVLink DISTANCE_SENSOR",     matches: mavlink_distance::matches,     kind: Kind::Ping(1, mavlink_distance::decode) },
     MessageType { name: "sensor_msgs/Range",           matches: range::matches,                kind: Kind::Ping(1, range::decode) },
-    MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches,             kind: Kind::Ping(2, altitude::decode) },
+    MessageType { name: "Ping1D",                      matches: ping1d::matches,               kind: Kind::Ping(1, ping1d::decode) },
+    MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches_bare,        kind: Kind::Ping(2, altitude::decode) },
+    MessageType { name: "altitude in any message",     matches: altitude::matches_field,       kind: Kind::Ping(3, altitude::decode) },
 ];
+
+/// Beside the table: what `dvl.path` in the rig file points to.
+static BY_PATH: MessageType = MessageType { name: "dvl.path in the rig file", matches: |_, _| false, kind: Kind::Ping(0, dvl_by_path::decode) };
 
 /// How a channel's bytes become values.
 enum Wire {
@@ -170,6 +202,18 @@ impl Decoder {
     /// A sentence where that is no JSON object.
     pub fn for_json(topic: &str, message: &[u8]) -> Result<Option<Self>, String> {
         Ok(Self::matching(Wire::Json(json::layout_of(message)?), topic))
+    }
+
+    /// The decoder for the channel whose ranges the rig file points to (`dvl.topic`, `dvl.path`), whatever its shape.
+    ///
+    /// # Errors
+    /// A sentence where the encoding is not read or the schema cannot be parsed.
+    pub fn by_path(message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Self, String> {
+        let wire = match Wire::of(message_encoding, schema_name, schema_encoding, schema)? {
+            None if message_encoding == "json" => Wire::Json(Layout { records: Vec::new() }),
+            wire => wire.ok_or_else(|| format!("rig file: dvl.path in a message of encoding {message_encoding:?} is not read"))?,
+        };
+        Ok(Self { wire, message_type: &BY_PATH })
     }
 
     fn matching(wire: Wire, topic: &str) -> Option<Self> {

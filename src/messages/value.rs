@@ -27,11 +27,17 @@ pub enum Value<'a> {
     Record(Vec<(Arc<str>, Value<'a>)>),
 }
 
+fn plain(name: &str) -> impl Iterator<Item = char> {
+    name.chars().filter(|c| *c != '_').map(|c| c.to_ascii_lowercase())
+}
+
+/// A name without case and underscores.
+pub fn plain_name(name: &str) -> String {
+    plain(name).collect()
+}
+
 /// Equal but for case and underscores.
 pub fn same_name(a: &str, b: &str) -> bool {
-    fn plain(s: &str) -> impl Iterator<Item = u8> {
-        s.bytes().filter(|c| *c != b'_').map(|c| c.to_ascii_lowercase())
-    }
     a == b || plain(a).eq(plain(b))
 }
 

@@ -6,7 +6,7 @@ use nalgebra::UnitQuaternion;
 
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
-use crate::messages::{Decoder, Edge, Kind, attitude_frame, heading};
+use crate::messages::{Decoder, Edge, HeightCheck, Kind, attitude_frame, heading};
 use crate::recording::{Channel, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
 use crate::vehicle::{Camera, DvlFacts, Ping};
@@ -33,9 +33,11 @@ pub struct ChannelScan {
     pub description: String,
     /// median of header time − log time, once the scan is done [s]
     pub clock_offset_s: Option<f64>,
-    offsets: Vec<f64>,
+    pub(super) offsets: Vec<f64>,
+    /// messages without a stamp, or with one of 0
+    pub unstamped: u64,
     /// a JSON channel without a schema has been looked at
-    shape_asked: bool,
+    pub(super) shape_asked: bool,
     /// pictures
     pub frames: Vec<FrameRef>,
     /// codes of 16-bit pictures or-ed together
@@ -48,6 +50,8 @@ pub struct ChannelScan {
     pub pings: Vec<(Ping, Stamp)>,
     /// what the decoder had to mend, each once
     pub remarks: Vec<String>,
+    /// altitudes held against ranges
+    pub heights: Vec<HeightCheck>,
     /// attitudes with the log time
     pub attitudes: Vec<(Stamp, Stamp, UnitQuaternion<f64>)>,
     /// messages that say they have no attitude
@@ -77,8 +81,13 @@ pub struct Scan {
 }
 
 /// Decoders for the channels known so far; complaints about schemas that cannot be parsed.
-fn decoder(recording: &Recording, channel: &Channel) -> Result<Option<Decoder>, String> {
-    match recording.schemas.get(&channel.schema_id) {
+fn decoder(recording: &Recording, channel: &Channel, dvl: &DvlFacts) -> Result<Option<Decoder>, String> {
+    let schema = recording.schemas.get(&channel.schema_id);
+    if dvl.path.is_some() && dvl.topic.as_ref() == Some(&channel.topic) {
+        let (name, encoding, data) = schema.map_or(("", "", &[][..]), |s| (&s.name, &s.encoding, &s.data));
+        return Decoder::by_path(&channel.message_encoding, name, encoding, data).map(Some);
+    }
+    match schema {
         Some(schema) => Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data),
         None => Ok(None),
     }
@@ -95,7 +104,7 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
         Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0, window };
     for (id, channel) in &recording.channels {
         let mut of_channel = ChannelScan::default();
-        match decoder(recording, channel) {
+        match decoder(recording, channel, dvl) {
             Ok(Some(decoder)) => {
                 scan.decoders.insert(*id, decoder);
             }
@@ -182,8 +191,9 @@ impl ChannelScan {
         let said = heading(&value);
         let logged = message.logged();
         let stamp = said.stamp.unwrap_or(logged);
-        if let Some(stamp) = said.stamp {
-            self.offsets.push(stamp.seconds_since(logged));
+        match said.stamp {
+            Some(stamp) => self.offsets.push(stamp.seconds_since(logged)),
+            None => self.unstamped += 1,
         }
         if self.frame_id.is_empty() {
             self.frame_id = if matches!(kind, Kind::Attitude(_)) { attitude_frame(&value) } else { said.frame_id };
@@ -212,6 +222,7 @@ impl ChannelScan {
             },
             Kind::Ping(_, decode) => {
                 let reading = decode(&value, dvl)?;
+                self.heights.extend(reading.height);
                 if let Some(remark) = reading.remark
                     && !self.remarks.contains(&remark)
                 {

@@ -1,6 +1,8 @@
 //! Scan → survey: which camera, which range instrument, where all of it sits. Every refusal names what was found,
 //! what is needed, and the key or option that supplies it.
 
+mod checks;
+
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
@@ -140,7 +142,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
     let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
-    let dvl_id = choose_ranges(recording, scan, selection, rig_file)?;
+    let dvl_id = choose_ranges(recording, scan, selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()), rig_file)?;
     let dvl_topic = topic(recording, dvl_id);
 
     // Frames come in the order of the file: that is how both passes meet them.
@@ -149,6 +151,22 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     } else {
         frames_in_file_order(recording, scan, &camera_channels)
     };
+
+    let offset_s = checks::offset_s(rig_file, &camera_topic);
+    let mut frames = frames;
+    frames.iter_mut().for_each(|f| f.stamp = f.stamp.later(offset_s));
+    for (name, id) in [(&camera_topic, camera_channels.first().copied()), (&dvl_topic, Some(dvl_id))] {
+        let stamps: Vec<Stamp> = if name == &camera_topic {
+            frames.iter().map(|f| f.stamp).collect()
+        } else {
+            scan.channels.get(&dvl_id).map(|c| c.pings.iter().map(|(p, _)| p.stamp).collect()).unwrap_or_default()
+        };
+        let channel = id.and_then(|id| scan.channels.get(&id));
+        warnings.extend(channel.into_iter().flat_map(|c| checks::clock(c, &stamps)).map(|w| format!("{name}: {w}")));
+    }
+    for unknown in rig_file.time_offset_s.keys().filter(|t| recording.channels.values().all(|c| c.topic != **t)) {
+        warnings.push(format!("rig file: time_offset_s names {unknown:?}, which the log does not have"));
+    }
 
     let mounts = Mounts::new(recording, scan);
     let body_from_optical: Transform<Body, Optical>;
@@ -180,21 +198,24 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         }
     };
     let strobe = strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut warnings)?;
-    let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, clock, config, &mut remarks);
+    let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, (clock, rig_file), config, &mut remarks);
 
     let mut pings = Vec::new();
     if let Some(channel) = scan.channels.get_mut(&dvl_id) {
         remarks.extend(channel.remarks.iter().map(|r| format!("{dvl_topic}: {r}")));
+        warnings.extend(checks::slant_or_vertical(&channel.heights).map(|w| format!("{dvl_topic}: {w}")));
         let trusted = on_camera_clock(channel.clock_offset_s, clock);
         if !trusted {
             warnings.push(format!("{dvl_topic}: its stamps are not on the camera's clock; the log's times are used"));
         }
+        let offset_s = checks::offset_s(rig_file, &dvl_topic);
         pings = std::mem::take(&mut channel.pings)
             .into_iter()
             .map(|(mut ping, logged)| {
                 if !trusted {
                     ping.stamp = shifted(logged, clock);
                 }
+                ping.stamp = ping.stamp.later(offset_s);
                 ping
             })
             .collect();
@@ -285,9 +306,9 @@ fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, rema
 }
 
 /// The range channel that tells most: beams before a single range before a bare altitude, and more answers before fewer.
-fn choose_ranges(recording: &Recording, scan: &Scan, selection: &Selection, rig_file: &RigFile) -> Result<u16> {
+fn choose_ranges(recording: &Recording, scan: &Scan, wanted: Option<&String>, rig_file: &RigFile) -> Result<u16> {
     let candidates = scan.decoders.iter().filter_map(|(id, d)| if let Kind::Ping(rank, _) = d.message_type.kind { Some((*id, rank)) } else { None });
-    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| selection.dvl.as_ref().is_none_or(|t| *t == topic(recording, *id))).collect();
+    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| wanted.is_none_or(|t| *t == topic(recording, *id))).collect();
     let score = |id: u16, rank: u8| {
         let (plane, beam, altitude) = scan.channels.get(&id).map_or((0, 0, 0), ChannelScan::ping_counts);
         let quality = if plane > 0 {
@@ -301,7 +322,7 @@ fn choose_ranges(recording: &Recording, scan: &Scan, selection: &Selection, rig_
     };
     let best = candidates.iter().max_by_key(|(id, rank)| score(*id, *rank)).map(|(id, _)| *id);
     let answered = best.filter(|id| score(*id, 0).0 > 0);
-    match (answered, best, &selection.dvl) {
+    match (answered, best, wanted) {
         (Some(id), ..) => Ok(id),
         (None, Some(id), _) => {
             let complaint = scan.channels.get(&id).and_then(|c| c.unreadable.1.clone()).filter(|_| rig_file.dvl.beams.is_none());
@@ -416,7 +437,7 @@ fn attitude(
     scan: &Scan,
     mounts: &Mounts<'_>,
     body_frame: &str,
-    clock: Option<f64>,
+    (clock, rig_file): (Option<f64>, &RigFile),
     config: &Config,
     remarks: &mut Vec<String>,
 ) -> (Option<String>, AttitudeTrack) {
@@ -444,7 +465,9 @@ fn attitude(
         }
     };
     let trusted = on_camera_clock(channel.clock_offset_s, clock);
-    let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (if trusted { *stamp } else { shifted(*logged, clock) }, q * sensor_from_body));
+    let offset_s = checks::offset_s(rig_file, &name);
+    let at = |stamp: &Stamp, logged: &Stamp| if trusted { *stamp } else { shifted(*logged, clock) }.later(offset_s);
+    let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (at(stamp, logged), q * sensor_from_body));
     (Some(name), AttitudeTrack::new(samples.collect(), config.seafloor.max_attitude_gap_s))
 }
 

@@ -10,5 +10,5 @@ mod rig;
 
 pub use attitude::AttitudeTrack;
 pub use camera::{Camera, Distortion};
-pub use ping::{Beam, JanusArray, Ping};
+pub use ping::{Beam, JanusArray, Ping, RangeKind};
 pub use rig::{CameraFacts, DvlFacts, MountFacts, Rig, RigFile, StrobeMount};

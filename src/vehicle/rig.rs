@@ -4,9 +4,11 @@
 //! in one common body space. No public recording holds a strobe's pose; without one the light is taken to
 //! sit at the camera, and the report says so.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use super::Camera;
+use super::{Camera, RangeKind};
 use crate::spaces::{Body, Dvl, Optical, Point, Strobe, Transform};
 
 /// Everything geometry needs to know of the vehicle.
@@ -113,6 +115,22 @@ pub struct DvlFacts {
     pub azimuths_deg: Option<Vec<f64>>,
     /// true speed of sound over the one the instrument was set to
     pub sound_speed_ratio: Option<f64>,
+    /// what the ranges are, against what the message's type says
+    pub ranges: Option<RangeKind>,
+    /// ranges at or below this are none [m]
+    pub min_range_m: Option<f64>,
+    /// ranges at or above this are none [m]: simulators write their limit for a lost beam
+    pub max_range_m: Option<f64>,
+    /// numbers in the message that mean "no return", as they are written there
+    pub bad_values: Option<Vec<f64>>,
+    /// the range channel; `--dvl` wins
+    pub topic: Option<String>,
+    /// where the ranges are in a message of no known shape: `report.ranges`, `beams.depth`
+    pub path: Option<String>,
+    /// where the flags of their validity are
+    pub valid_path: Option<String>,
+    /// metres per unit of the numbers at `path` (0.001 for millimetres)
+    pub unit_m: Option<f64>,
     /// where the instrument sits
     pub mount: Option<MountFacts>,
 }
@@ -138,6 +156,9 @@ pub struct RigFile {
     /// the light
     #[serde(default)]
     pub strobe: StrobeFacts,
+    /// seconds to add to the stamps of a topic, where its clock is known to be off [s]
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub time_offset_s: BTreeMap<String, f64>,
 }
 
 impl CameraFacts {
