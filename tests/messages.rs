@@ -2,10 +2,11 @@
 //! writer says is in them (`expected.json`).
 #![allow(clippy::unwrap_used)]
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::Value as Json;
+use unwater::image::EncodedImage;
 use unwater::image::decode::{Light, decode, white_level};
 use unwater::image::transfer::Transfer;
 use unwater::messages::{Decoder, Kind, TYPES, heading};
@@ -30,9 +31,11 @@ fn decoder(recording: &Recording, message: &Message, rig: &DvlFacts) -> Decoder 
     if rig.path.is_some() {
         return Decoder::by_path(&channel.message_encoding, &schema.name, &schema.encoding, &schema.data).expect("a schema");
     }
-    Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data)
+    let mut decoder = Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data)
         .expect("a schema")
-        .expect("a decoder")
+        .expect("a decoder");
+    decoder.settle(&channel.topic, message.data());
+    decoder
 }
 
 fn rig(entry: &Json) -> DvlFacts {
@@ -76,7 +79,7 @@ fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expecte
 #[test]
 fn every_message_type_reads_as_its_writer_meant_it() {
     let expected: Json = serde_json::from_str(&std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap()).unwrap();
-    let mut covered = BTreeSet::new();
+    let mut logs: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (file, entry) in expected.as_object().expect("an object") {
         let (recording, messages) = read_log(file);
         let readings = entry["readings"].as_array().expect("readings");
@@ -85,7 +88,9 @@ fn every_message_type_reads_as_its_writer_meant_it() {
         assert_eq!(messages.len(), entry["stamps_ns"].as_array().unwrap().len(), "{file}: messages");
         for (i, message) in messages.iter().enumerate() {
             let decoder = known.get_or_insert_with(|| decoder(&recording, message, &rig));
-            covered.insert(decoder.message_type.name);
+            if i == 0 {
+                logs.entry(decoder.message_type.name).or_default().push(file);
+            }
             let value = decoder.read(message.data()).expect(file);
             let said = heading(&value);
             assert_eq!(message.log_time, entry["log_times_ns"][i].as_u64().unwrap(), "{file}: log time");
@@ -96,10 +101,29 @@ fn every_message_type_reads_as_its_writer_meant_it() {
             }
             let truth = readings.get(i).unwrap_or(&Json::Null);
             match decoder.message_type.kind {
+                Kind::Picture(read) if entry["kind"] == "video" => {
+                    let codec = truth.as_str().unwrap();
+                    assert_eq!(read(&value).expect(file), EncodedImage::Video { codec }, "{file}");
+                }
+                Kind::Ping(_, read) if entry["kind"] == "depth" => {
+                    let pixels = read(&value, &rig).expect(file).pixels.expect(file);
+                    assert_eq!((pixels.width as u64, pixels.height as u64), (truth["width"].as_u64().unwrap(), truth["height"].as_u64().unwrap()));
+                    let samples = truth["samples"].as_array().unwrap();
+                    assert_eq!(pixels.samples.len(), samples.len(), "{file}: places");
+                    for (found, truth) in pixels.samples.iter().zip(samples) {
+                        let t = floats(truth);
+                        assert!(found[..2] == t[..2] && close(found[2], t[2], 1e-3), "{file}: {found:?} is not {t:?}");
+                    }
+                }
                 Kind::Picture(read) => check_picture(file, &read(&value).expect(file), truth),
                 Kind::CameraInfo(read) => match read(&value).expect(file) {
                     None => assert!(truth.is_null(), "{file}"),
-                    Some(camera) => {
+                    Some(calibration) => {
+                        let camera = calibration.cropped;
+                        assert_eq!(
+                            (camera.width as u64, camera.height as u64),
+                            (truth["width"].as_u64().unwrap(), truth["height"].as_u64().unwrap())
+                        );
                         let k = floats(&truth["k"]);
                         assert_eq!((camera.fx, camera.cx, camera.fy, camera.cy), (k[0], k[2], k[4], k[5]), "{file}");
                         assert_eq!(camera.distortion.name(), truth["model"].as_str().unwrap(), "{file}");
@@ -130,9 +154,32 @@ fn every_message_type_reads_as_its_writer_meant_it() {
             }
         }
     }
-    covered.remove("dvl.path in the rig file");
-    let all: BTreeSet<&str> = TYPES.iter().map(|t| t.name).collect();
-    assert_eq!(covered, all, "every row of the table has a log");
+    for t in TYPES {
+        assert!(logs.contains_key(t.name), "{} has no log", t.name);
+    }
+    ensure_page_is_current(&logs);
+}
+
+/// `docs/messages.md` is the table of types and of their logs; UNWATER_BLESS=1 writes it anew.
+fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
+    let mut page = String::from(
+        "# Messages that are read\n\nMade from `src/messages/table.rs` and `sample_logs/messages` by `UNWATER_BLESS=1 cargo test --test messages`; do not edit.\n\n\
+         A channel is known by the fields of its schema, the first row that fits; names are compared without case and underscores. Encodings: [formats.md](formats.md#what-is-read).\n\
+         What the rig file can say instead: [rig.md](rig.md#rigtoml).\n\n\
+         | shape | used for | what is read | sample logs |\n| --- | --- | --- | --- |\n",
+    );
+    for t in TYPES {
+        let files: Vec<String> = logs[t.name].iter().map(|f| format!("`{}`", f.trim_end_matches(".mcap"))).collect();
+        page += &format!("| `{}` | {} | {} | {} |\n", t.name, t.kind.word(), t.about, files.join(", "));
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/messages.md");
+    if std::env::var_os("UNWATER_BLESS").is_some() {
+        std::fs::write(&path, &page).unwrap();
+    }
+    assert!(
+        std::fs::read_to_string(&path).unwrap_or_default() == page,
+        "docs/messages.md is not up to date: UNWATER_BLESS=1 cargo test --test messages"
+    );
 }
 
 fn check_ping(file: &str, index: usize, ping: Option<unwater::vehicle::Ping>, entry: &Json, truth: &Json) {

@@ -9,12 +9,12 @@ reader and writer cannot hide. `expected.json` holds what a reader must make of 
 put into the log, never by decoding the log.
 
 Every log: one zstd chunk, one channel; profile ros2, message encoding cdr, schema encoding ros2msg (self-contained), but for
-those of other_encodings.py, which are in the others, and some of instruments.py.
+those of other_encodings.py, which are in the others, and some of instruments.py and pictures.py.
 Stamps start at 1750000000.0 s and step by 0.25 s; publish_time = stamp + 5 ms, log_time = stamp + 20 ms.
 
 expected.json is {file: entry}. Each entry has
     topic, type    of the one channel
-    kind           image | camera_info | transforms | attitude | dvl | altitude
+    kind           image | camera_info | transforms | attitude | dvl | altitude | depth | video
     frame_id       of every header (null: the message has no header)
     stamps_ns      one per message; the log time where the message has no stamp
     log_times_ns   one per message
@@ -33,6 +33,8 @@ and the readings are
                  beam, null for a beam without an echo. directions: unit vectors (x fwd, y right, z down) of the message,
                  or null when it has none that are sane: the reader then needs the instrument's geometry
     altitude     metres, or null
+    depth        {width, height, samples}: [column, row, metres] at the places of a 5×4 grid that have a depth
+    video        the codec: such a channel is refused
 
 The same versions of the packages give the same bytes: mcap 1.6.0, mcap-ros1-support 0.9.0, mcap-ros2-support 0.6.0,
 mcap-protobuf-support 0.6.0, protobuf 7.36.2, zstandard 0.25.0, numpy 2.4.6, Pillow 13.0.0 (its JPEG and WebP coders). Other versions give the same content in other bytes.
@@ -55,6 +57,7 @@ from PIL import Image
 
 import instruments
 import other_encodings
+import pictures
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Time
@@ -797,6 +800,7 @@ def main():
     altimeters()
     other_encodings.logs(sys.modules[__name__])
     instruments.logs(sys.modules[__name__])
+    pictures.logs(sys.modules[__name__])
     write_expected()
 
 

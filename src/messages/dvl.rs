@@ -74,7 +74,7 @@ pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<P
     if report.ranges.is_empty() {
         let altitude = altitude(value).map(|a| Altitude(a * scale));
         let remark = Some("the message lists no beams; its altitude is used".into());
-        return Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude }), remark, height: None });
+        return Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude }), remark, ..PingReading::default() });
     }
     let (directions, remark) = directions(report.directions, report.ranges.len(), facts)?;
     let axis: Vector3<f64> = directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
@@ -97,7 +97,7 @@ pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<P
         cosine: mean_cosine,
         kind,
     });
-    Ok(PingReading { ping: Some(Ping { stamp, beams, altitude: None }), remark, height })
+    Ok(PingReading { ping: Some(Ping { stamp, beams, altitude: None }), remark, height, pixels: None })
 }
 
 /// The beams the rig file names, if it does.

@@ -38,7 +38,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         other => return Err(format!("a distance sensor that looks neither down nor along a beam (orientation {other:?})")),
     };
     let remark = (!ping.beams.is_empty()).then(|| format!("one message per beam: {JANUS_DEG}° off the axis, azimuth by its orientation"));
-    Ok(PingReading { ping: Some(ping), remark, height: None })
+    Ok(PingReading { ping: Some(ping), remark, ..PingReading::default() })
 }
 
 fn rotation_named(word: &str) -> Option<i64> {

@@ -8,6 +8,7 @@
 mod altitude;
 mod camera_info;
 pub mod cdr;
+mod depth_picture;
 mod dvl;
 mod dvl_arrays;
 mod dvl_beams;
@@ -25,21 +26,26 @@ mod mavlink_distance;
 mod odometry;
 pub mod output;
 mod ping1d;
+mod point_cloud;
 mod protobuf;
 mod range;
 mod ros_compressed_image;
 mod ros_image;
 pub mod ros_schema;
+mod table;
 mod transforms;
 pub mod value;
+mod video;
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use crate::image::EncodedImage;
-use crate::vehicle::{Camera, DvlFacts, Ping, RangeKind};
+use crate::vehicle::{Calibration, DvlFacts, Ping, RangeKind};
 pub use heading::{Heading, attitude_frame, heading};
 use layout::Layout;
 use ros_schema::Dialect;
+use table::DEPTH;
+pub use table::{MessageType, TYPES};
 use value::Value;
 
 /// A range instrument's report, ready for geometry, or why it is left out.
@@ -51,6 +57,19 @@ pub struct PingReading {
     pub remark: Option<String>,
     /// the message's own altitude held against its ranges
     pub height: Option<HeightCheck>,
+    /// places of a depth picture: beams once the camera's calibration is known
+    pub pixels: Option<DepthPixels>,
+}
+
+/// Some places of a depth picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DepthPixels {
+    /// size of the picture [px]
+    pub width: usize,
+    /// see `width`
+    pub height: usize,
+    /// column, row [px] and depth along the optical axis [m]
+    pub samples: Vec<[f64; 3]>,
 }
 
 /// What a message's own altitude says of its ranges: whether they are slant or vertical.
@@ -90,7 +109,7 @@ pub enum Kind {
     /// pictures
     Picture(for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>),
     /// calibration; `None` where the message says it is not calibrated
-    CameraInfo(fn(&Value<'_>) -> Result<Option<Camera>, String>),
+    CameraInfo(fn(&Value<'_>) -> Result<Option<Calibration>, String>),
     /// mounts
     Transforms(fn(&Value<'_>) -> Result<Vec<Edge>, String>),
     /// world_from_sensor; `None` where the message says it has no attitude
@@ -112,43 +131,13 @@ impl Kind {
     }
 }
 
-/// One message type the program reads.
-pub struct MessageType {
-    /// the best known name of the shape
-    pub name: &'static str,
-    /// whether a schema (and topic) has this shape
-    pub matches: fn(&Layout, &str) -> bool,
-    /// how it is read
-    pub kind: Kind,
-}
-
-/// Every message type that is read, first match wins.
-#[rustfmt::skip]
-pub const TYPES: &[MessageType] = &[
-    MessageType { name: "sensor_msgs/Image",           matches: ros_image::matches,            kind: Kind::Picture(ros_image::decode) },
-    MessageType { name: "sensor_msgs/CompressedImage", matches: ros_compressed_image::matches, kind: Kind::Picture(ros_compressed_image::decode) },
-    MessageType { name: "sensor_msgs/CameraInfo",      matches: camera_info::matches,          kind: Kind::CameraInfo(camera_info::decode) },
-    MessageType { name: "tf2_msgs/TFMessage",          matches: transforms::matches,           kind: Kind::Transforms(transforms::decode) },
-    MessageType { name: "foxglove.FrameTransform(s)",  matches: foxglove_transforms::matches,  kind: Kind::Transforms(foxglove_transforms::decode) },
-    MessageType { name: "sensor_msgs/Imu",             matches: imu::matches,                  kind: Kind::Attitude(imu::decode) },
-    MessageType { name: "nav_msgs/Odometry",           matches: odometry::matches,             kind: Kind::Attitude(odometry::decode) },
-    MessageType { name: "ds_sensor_msgs/Ranges3D",     matches: dvl_points::matches,           kind: Kind::Ping(0, dvl_points::decode) },
-    MessageType { name: "marine_acoustic_msgs/Dvl",    matches: dvl_ranges::matches,           kind: Kind::Ping(0, dvl_ranges::decode) },
-    MessageType { name: "dvl_msgs/DVL",                matches: dvl_beams::matches_distance,   kind: Kind::Ping(0, dvl_beams::decode) },
-    MessageType { name: "uuv_sensor_ros_plugins/DVL",  matches: dvl_beams::matches_pose,       kind: Kind::Ping(0, dvl_beams::decode) },
-    MessageType { name: "gz.msgs.DVLVelocityTracking", matches: dvl_beams::matches_range,      kind: Kind::Ping(0, dvl_beams::decode) },
-    MessageType { name: "cola2_msgs/LinkquestDvl",     matches: dvl_arrays::matches_vertical,  kind: Kind::Ping(0, dvl_arrays::decode) },
-    MessageType { name: "holoocean/DVLSensorRange",    matches: dvl_arrays::matches_slant,     kind: Kind::Ping(0, dvl_arrays::decode) },
-    MessageType { name: "Nucleus BottomTrack",         matches: dvl_numbered::matches,         kind: Kind::Ping(0, dvl_numbered::decode) },
-    MessageType { name: "MAVLink DISTANCE_SENSOR",     matches: mavlink_distance::matches,     kind: Kind::Ping(1, mavlink_distance::decode) },
-    MessageType { name: "sensor_msgs/Range",           matches: range::matches,                kind: Kind::Ping(1, range::decode) },
-    MessageType { name: "Ping1D",                      matches: ping1d::matches,               kind: Kind::Ping(1, ping1d::decode) },
-    MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches_bare,        kind: Kind::Ping(2, altitude::decode) },
-    MessageType { name: "altitude in any message",     matches: altitude::matches_field,       kind: Kind::Ping(3, altitude::decode) },
-];
-
 /// Beside the table: what `dvl.path` in the rig file points to.
-static BY_PATH: MessageType = MessageType { name: "dvl.path in the rig file", matches: |_, _| false, kind: Kind::Ping(0, dvl_by_path::decode) };
+static BY_PATH: MessageType = MessageType {
+    name: "dvl.path in the rig file",
+    about: "what the rig file points to",
+    matches: |_, _| false,
+    kind: Kind::Ping(0, dvl_by_path::decode),
+};
 
 /// How a channel's bytes become values.
 enum Wire {
@@ -219,6 +208,14 @@ impl Decoder {
     fn matching(wire: Wire, topic: &str) -> Option<Self> {
         let found = TYPES.iter().find(|t| (t.matches)(wire.layout(), topic));
         found.map(|message_type| Self { wire, message_type })
+    }
+
+    /// Looks at the channel's first message: a depth picture has the shape of any other.
+    pub fn settle(&mut self, topic: &str, first: &[u8]) {
+        let is_depth = matches!(self.message_type.kind, Kind::Picture(_)) && self.read(first).is_ok_and(|v| depth_picture::is_depth(&v, topic));
+        if is_depth && let Some(depth) = TYPES.iter().find(|t| t.name == DEPTH) {
+            self.message_type = depth;
+        }
     }
 
     /// Reads one message into named fields.

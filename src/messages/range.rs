@@ -29,5 +29,5 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude) }
     };
     let remark = (!narrow).then(|| "a wide sonar cone: its range is read as an altitude".into());
-    Ok(PingReading { ping: Some(ping), remark, height: None })
+    Ok(PingReading { ping: Some(ping), remark, ..PingReading::default() })
 }

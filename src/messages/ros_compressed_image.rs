@@ -10,8 +10,9 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 }
 
 pub fn decode<'v>(value: &'v Value<'_>) -> Result<EncodedImage<'v>, String> {
-    Ok(EncodedImage::Compressed {
-        format: value.text("format").ok_or_else(|| missing("format"))?,
-        data: value.bytes("data").ok_or_else(|| missing("data"))?,
-    })
+    let format = value.text("format").ok_or_else(|| missing("format"))?;
+    if super::video::is_codec(format) {
+        return Ok(EncodedImage::Video { codec: format });
+    }
+    Ok(EncodedImage::Compressed { format, data: value.bytes("data").ok_or_else(|| missing("data"))? })
 }

@@ -6,10 +6,10 @@ use nalgebra::UnitQuaternion;
 
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
-use crate::messages::{Decoder, Edge, HeightCheck, Kind, attitude_frame, heading};
+use crate::messages::{Decoder, DepthPixels, Edge, HeightCheck, Kind, attitude_frame, heading};
 use crate::recording::{Channel, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
-use crate::vehicle::{Camera, DvlFacts, Ping};
+use crate::vehicle::{Calibration, DvlFacts, Ping};
 
 /// A picture of a camera: all that is known without decoding it.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +36,7 @@ pub struct ChannelScan {
     pub(super) offsets: Vec<f64>,
     /// messages without a stamp, or with one of 0
     pub unstamped: u64,
-    /// a JSON channel without a schema has been looked at
+    /// the first message has been looked at
     pub(super) shape_asked: bool,
     /// pictures
     pub frames: Vec<FrameRef>,
@@ -50,6 +50,10 @@ pub struct ChannelScan {
     pub pings: Vec<(Ping, Stamp)>,
     /// what the decoder had to mend, each once
     pub remarks: Vec<String>,
+    /// depth pictures: what becomes beams of the ping of the same number
+    pub depths: Vec<DepthPixels>,
+    /// the codec, where the channel holds video
+    pub video: Option<String>,
     /// altitudes held against ranges
     pub heights: Vec<HeightCheck>,
     /// attitudes with the log time
@@ -57,7 +61,7 @@ pub struct ChannelScan {
     /// messages that say they have no attitude
     pub without_attitude: u64,
     /// the first calibration that is one, and whether any said "not calibrated"
-    pub camera: Option<Camera>,
+    pub camera: Option<Calibration>,
     /// TF edges, first of each child
     pub edges: Vec<Edge>,
 }
@@ -142,11 +146,13 @@ impl Scan {
         (self.homeless > 0).then_some(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })
     }
 
-    /// JSON without a schema: the channel's first message says what it carries.
+    /// What only the channel's first message can say: JSON without a schema, depth in the shape of a picture.
     fn know(&mut self, channel: &Channel, message: &Message) {
-        let unknown = channel.schema_id == 0 && channel.message_encoding == "json" && !self.decoders.contains_key(&message.channel);
-        if let Some(of_channel) = self.channels.get_mut(&message.channel).filter(|c| unknown && !c.shape_asked) {
-            of_channel.shape_asked = true;
+        let Some(of_channel) = self.channels.get_mut(&message.channel).filter(|c| !c.shape_asked) else { return };
+        of_channel.shape_asked = true;
+        if let Some(decoder) = self.decoders.get_mut(&message.channel) {
+            decoder.settle(&channel.topic, message.data());
+        } else if channel.schema_id == 0 && channel.message_encoding == "json" {
             match Decoder::for_json(&channel.topic, message.data()) {
                 Ok(Some(decoder)) => {
                     self.decoders.insert(message.channel, decoder);
@@ -201,6 +207,9 @@ impl ChannelScan {
         match kind {
             Kind::Picture(decode) => {
                 let picture = decode(&value)?;
+                if let EncodedImage::Video { codec } = picture {
+                    self.video.get_or_insert_with(|| codec.into());
+                }
                 self.probe(&picture);
                 self.frames.push(FrameRef { stamp, logged });
             }
@@ -231,6 +240,7 @@ impl ChannelScan {
                 if let Some(mut ping) = reading.ping {
                     ping.stamp = stamp;
                     self.pings.push((ping, logged));
+                    self.depths.extend(reading.pixels);
                 }
             }
         }

@@ -142,6 +142,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
     let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
+    checks::depths_to_beams(recording, scan, &mut warnings);
     let dvl_id = choose_ranges(recording, scan, selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()), rig_file)?;
     let dvl_topic = topic(recording, dvl_id);
 
@@ -281,13 +282,25 @@ fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, rema
     }
     let seen = if topics.is_empty() { channel_list(recording) } else { topics.keys().cloned().collect::<Vec<_>>().join(", ") };
     if let Some(wanted) = &selection.camera {
-        return if topics.contains_key(wanted) {
+        return if let Some(codec) = scan.channels.iter().filter(|(id, _)| topic(recording, **id) == *wanted).find_map(|(_, c)| c.video.clone()) {
+            Err(Error::Video { topic: wanted.clone(), codec })
+        } else if topics.contains_key(wanted) {
             Ok(wanted.clone())
         } else {
             Err(Error::NoSuchTopic { what: "camera", topic: wanted.clone(), seen })
         };
     }
-    topics.retain(|_, frames| *frames > 0);
+    let video = |topic: &String| {
+        let of_topic = scan.channels.iter().filter(|(id, _)| recording.channels.get(id).is_some_and(|c| c.topic == *topic));
+        of_topic.filter_map(|(_, c)| c.video.clone()).next()
+    };
+    let videos: Vec<(String, String)> = topics.keys().filter_map(|t| Some((t.clone(), video(t)?))).collect();
+    topics.retain(|t, frames| *frames > 0 && videos.iter().all(|(v, _)| v != t));
+    if topics.is_empty()
+        && let Some((topic, codec)) = videos.into_iter().next()
+    {
+        return Err(Error::Video { topic, codec });
+    }
     let own: Vec<String> = topics.keys().filter(|t| t.contains("image_corrected") || t.starts_with("/unwater/")).cloned().collect();
     if own.len() < topics.len() {
         topics.retain(|t, _| !own.contains(t));
@@ -347,17 +360,7 @@ fn calibration(
     warnings: &mut Vec<String>,
 ) -> Result<Camera> {
     let from_rig = rig_file.camera.calibration(picture).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
-    let mut infos: Vec<(usize, String, Camera)> = Vec::new();
-    for (id, channel) in &scan.channels {
-        if let Some(camera) = channel.camera {
-            let topic = topic(recording, *id);
-            let shared = topic.split('/').zip(camera_topic.split('/')).take_while(|(a, b)| a == b).count();
-            infos.push((shared, topic, camera));
-        }
-    }
-    infos.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
-    let fits = |camera: &Camera| picture.is_none_or(|(w, h)| camera.scaled_to(w, h).is_some());
-    let from_log = infos.iter().find(|(_, _, c)| fits(c)).map(|(_, _, c)| *c);
+    let from_log = checks::nearest_calibration(recording, scan, camera_topic, picture);
     if rig_file.camera.horizontal_field_of_view_deg.is_some() && rig_file.camera.fx.is_none() && from_rig.is_some() {
         warnings.push("the camera is known by its field of view alone: angles near the picture's edge are rough".into());
     }
@@ -365,7 +368,11 @@ fn calibration(
     if let Some((w, h)) = picture.filter(|(w, h)| (*w, *h) != (camera.width, camera.height)) {
         remarks.push(format!("the calibration is for {}×{}, the pictures are {w}×{h}; it is scaled", camera.width, camera.height));
     }
-    Ok(camera)
+    let in_water = rig_file.camera.in_water(camera);
+    if in_water != camera {
+        remarks.push(format!("the calibration was made in air; behind a flat port in water its focal length is {:.1} px", in_water.fx));
+    }
+    Ok(in_water)
 }
 
 fn dvl_mount(mounts: &Mounts<'_>, body_frame: &str, dvl_frame: &str, dvl_topic: &str, remarks: &mut Vec<String>) -> Option<Isometry3<f64>> {
@@ -473,15 +480,17 @@ fn attitude(
 
 /// The rig as a rig file, with what the user gave of the instrument: for `init` and for the output's attachment.
 pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
-    let mut file = RigFile { dvl: given.dvl.clone(), ..RigFile::default() };
-    file.camera.width = Some(rig.camera.width);
-    file.camera.height = Some(rig.camera.height);
-    file.camera.fx = Some(rig.camera.fx);
-    file.camera.fy = Some(rig.camera.fy);
-    file.camera.cx = Some(rig.camera.cx);
-    file.camera.cy = Some(rig.camera.cy);
-    file.camera.distortion_model = Some(rig.camera.distortion.name().into());
-    file.camera.distortion = Some(rig.camera.distortion.coefficients());
+    let mut file = RigFile { dvl: given.dvl.clone(), time_offset_s: given.time_offset_s.clone(), ..RigFile::default() };
+    let camera = rig.camera.as_calibrated();
+    file.camera.width = Some(camera.width);
+    file.camera.height = Some(camera.height);
+    file.camera.fx = Some(camera.fx);
+    file.camera.fy = Some(camera.fy);
+    file.camera.cx = Some(camera.cx);
+    file.camera.cy = Some(camera.cy);
+    file.camera.distortion_model = Some(camera.distortion.name().into());
+    file.camera.distortion = Some(camera.distortion.coefficients());
+    file.camera.medium = given.camera.medium;
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
     file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe.isometry()));

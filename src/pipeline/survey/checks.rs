@@ -1,10 +1,13 @@
-//! What a survey holds against each other: ranges and altitudes, stamps and log times. It reports and switches nothing.
+//! What a survey holds against each other: ranges and altitudes, stamps and log times, pictures and calibrations. It
+//! reports and switches nothing.
 
 use crate::messages::HeightCheck;
-use crate::units::Stamp;
-use crate::vehicle::{RangeKind, RigFile};
+use crate::recording::Recording;
+use crate::units::{SlantRange, Stamp};
+use crate::vehicle::{Beam, Camera, RangeKind, RigFile};
 
-use super::super::scan::ChannelScan;
+use super::super::scan::{ChannelScan, Scan};
+use crate::spaces::Direction;
 
 /// Fewer messages say nothing.
 const LEAST_MESSAGES: usize = 5;
@@ -16,6 +19,40 @@ const DEVICE_CLOCK_S: f64 = 60.0;
 /// Seconds that the rig file adds to a topic's stamps.
 pub fn offset_s(rig_file: &RigFile, topic: &str) -> f64 {
     rig_file.time_offset_s.get(topic).copied().unwrap_or(0.0)
+}
+
+/// The calibration that fits pictures of this size, and whose topic shares most with theirs.
+pub fn nearest_calibration(recording: &Recording, scan: &Scan, topic: &str, picture: Option<(usize, usize)>) -> Option<Camera> {
+    let shared = |other: &str| other.split('/').zip(topic.split('/')).take_while(|(a, b)| a == b).count();
+    let of_log = scan.channels.iter().filter_map(|(id, c)| {
+        let name = &recording.channels.get(id)?.topic;
+        Some((std::cmp::Reverse(shared(name)), name, c.camera?.for_picture(picture)?))
+    });
+    of_log.min_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1))).map(|(_, _, camera)| camera)
+}
+
+/// Places of depth pictures become beams, now that calibrations are known.
+pub fn depths_to_beams(recording: &Recording, scan: &mut Scan, warnings: &mut Vec<String>) {
+    let with_depths: Vec<u16> = scan.channels.iter().filter(|(_, c)| !c.depths.is_empty()).map(|(id, _)| *id).collect();
+    for id in with_depths {
+        let topic = recording.channels.get(&id).map(|c| c.topic.clone()).unwrap_or_default();
+        let size = scan.channels.get(&id).and_then(|c| c.depths.first()).map(|d| (d.width, d.height));
+        let camera = nearest_calibration(recording, scan, &topic, size);
+        let Some(channel) = scan.channels.get_mut(&id) else { continue };
+        let Some(camera) = camera.zip(size).and_then(|(c, (w, h))| c.scaled_to(w, h)) else {
+            warnings.push(format!("{topic}: depth pictures without a calibration that fits them; they are not used"));
+            continue;
+        };
+        let depths = std::mem::take(&mut channel.depths);
+        for ((ping, _), depth) in channel.pings.iter_mut().zip(depths) {
+            let beam = |[u, v, z]: &[f64; 3]| {
+                let (x, y) = camera.image_plane(*u, *v)?;
+                let direction = Direction::from_vector(nalgebra::Vector3::new(x, y, 1.0))?;
+                Some(Beam { direction, range: Some(SlantRange(z * (1.0 + x * x + y * y).sqrt())) })
+            };
+            ping.beams = depth.samples.iter().filter_map(beam).collect();
+        }
+    }
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
