@@ -114,6 +114,11 @@ impl Dice {
     }
 }
 
+/// How many times the usual damage is done: UNWATER_FUZZ=100 for a long run.
+fn factor() -> usize {
+    std::env::var("UNWATER_FUZZ").ok().and_then(|f| f.parse().ok()).unwrap_or(1)
+}
+
 /// Everything that is done with a message; whatever comes out, it comes out.
 fn exercise(decoder: &Decoder, data: &[u8]) {
     let Ok(value) = decoder.read(data) else { return };
@@ -161,7 +166,7 @@ fn damaged_messages_and_schemas_are_sentences_and_never_panics() {
             (None, data) => Decoder::for_json(&channel.topic, data.unwrap_or(messages[0].data())),
         };
         let decoder = of_schema(None).unwrap();
-        for round in 0..80 {
+        for round in 0..80 * factor() {
             let message = &messages[round % messages.len()];
             if let Some(decoder) = &decoder {
                 exercise(decoder, &dice.damage(message.data()));
@@ -189,7 +194,7 @@ fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
         let whole = Recording::open(&log).unwrap();
         let payloads: Vec<Vec<u8>> =
             whole.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m.data().to_vec()) } else { None }).collect();
-        for _ in 0..60 {
+        for _ in 0..60 * factor() {
             std::fs::write(&path, dice.damage(&bytes)).unwrap();
             places += 1;
             let Ok(recording) = Recording::open(&path) else { continue };

@@ -24,7 +24,8 @@ pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String>
     let mut current = Some(root.clone());
     for line in text.lines() {
         let line = line.trim();
-        if line.len() >= 3 && line.bytes().all(|b| b == b'=') {
+        // `---` ends the first half of a service: no topic carries the second.
+        if line.len() >= 3 && (line == "---" || line.bytes().all(|b| b == b'=')) {
             current = None;
         } else if let Some(dependency) = line.strip_prefix("MSG:") {
             current = Some(short(dependency.trim()));

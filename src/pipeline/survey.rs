@@ -2,6 +2,7 @@
 //! what is needed, and the key or option that supplies it.
 
 mod checks;
+mod mounts;
 
 use std::collections::BTreeMap;
 
@@ -11,13 +12,14 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Pings;
 use crate::image::Container;
-use crate::messages::{Edge, Kind};
+use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Camera, MountFacts, Rig, RigFile, StrobeMount};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
+use mounts::Mounts;
 
 /// What the user said about the log, beyond choices and rig.
 #[derive(Clone, Debug, Default)]
@@ -62,59 +64,6 @@ pub struct Survey {
 const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen"];
 /// A channel whose clock is this far from the camera's is not on the same clock [s].
 const CLOCK_TOLERANCE_S: f64 = 2.0;
-
-/// The TF tree of a log: edges by child.
-pub struct Mounts<'s> {
-    edges: BTreeMap<&'s str, (&'s str, &'s Edge)>,
-}
-
-impl<'s> Mounts<'s> {
-    /// The edges of `/tf_static`, the first of each child.
-    pub fn new(recording: &'s Recording, scan: &'s Scan) -> Self {
-        let mut edges = BTreeMap::new();
-        // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as it first stood.
-        for suffix in ["tf_static", "tf"] {
-            for (id, channel) in &scan.channels {
-                if edges.is_empty() || suffix == "tf_static" {
-                    let is_meant = recording.channels.get(id).is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));
-                    for edge in channel.edges.iter().filter(|_| is_meant) {
-                        edges.entry(edge.child.as_str()).or_insert((edge.parent.as_str(), edge));
-                    }
-                }
-            }
-        }
-        Self { edges }
-    }
-
-    /// Names of all frames.
-    pub fn frames(&self) -> Vec<&'s str> {
-        let mut names: Vec<&str> = self.edges.iter().flat_map(|(child, (parent, _))| [*child, *parent]).collect();
-        names.sort_unstable();
-        names.dedup();
-        names
-    }
-
-    /// The root above a frame, and root_from_frame; a tree that bites its tail ends the walk.
-    fn root(&self, frame: &str) -> (String, Isometry3<f64>) {
-        let (mut at, mut pose) = (frame, Isometry3::identity());
-        for _ in 0..=self.edges.len() {
-            let Some((parent, edge)) = self.edges.get(at) else { break };
-            pose = edge.pose * pose;
-            at = parent;
-        }
-        (at.into(), pose)
-    }
-
-    fn knows(&self, frame: &str) -> bool {
-        self.edges.iter().any(|(child, (parent, _))| *child == frame || *parent == frame)
-    }
-
-    /// root_from_frame, where the frame hangs below this root.
-    fn pose_below(&self, root: &str, frame: &str) -> Option<Isometry3<f64>> {
-        let (found, pose) = self.root(frame);
-        (found == root && (self.knows(frame) || frame == root)).then_some(pose)
-    }
-}
 
 /// One line per channel: topic, type, count.
 pub fn channel_list(recording: &Recording) -> String {
@@ -331,6 +280,8 @@ fn choose_ranges(recording: &Recording, scan: &Scan, wanted: Option<&String>, ri
         } else {
             usize::from(altitude > 0)
         };
+        // The altitude beside a DVL's beams freezes or means the mean range: an altimeter's is better.
+        let rank = if quality == 1 && rank == 0 { u8::MAX } else { rank };
         (quality, std::cmp::Reverse(rank), plane.max(beam).max(altitude), std::cmp::Reverse(id))
     };
     let best = candidates.iter().max_by_key(|(id, rank)| score(*id, *rank)).map(|(id, _)| *id);
