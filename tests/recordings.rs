@@ -10,7 +10,7 @@ use support::transcode::{Encoding, transcode};
 use unwater::config::Config;
 use unwater::image::decode::{Light, decode};
 use unwater::messages::{Decoder, Kind, heading};
-use unwater::pipeline::{Options, Silent, estimate_logs, prepare, scan::scan};
+use unwater::pipeline::{Options, Silent, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Message, Recording, Window};
 use unwater::vehicle::{DvlFacts, RigFile};
 
@@ -26,11 +26,23 @@ fn the_same_dive_in_every_encoding_gives_the_same_model() {
         model.inputs.clear();
         serde_json::to_string(&model).unwrap()
     };
+    let corrected = |path: &Path| {
+        let out = path.with_extension("corrected.mcap");
+        correct(path, &out, None, &Options::default(), &Silent).unwrap();
+        let recording = Recording::open(&out).unwrap();
+        assert!(recording.is_complete && (recording.profile == "ros2" || recording.profile.is_empty()), "{}", recording.profile);
+        let of_ours = |m: &Message| recording.channels[&m.channel].topic.contains("image_corrected");
+        let messages = recording.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m) } else { None });
+        messages.filter(of_ours).map(|m| m.data().to_vec()).collect::<Vec<_>>()
+    };
     let truth = model(&cdr);
+    let pictures = corrected(&cdr);
+    assert_eq!(pictures.len(), 14);
     for encoding in [Encoding::Ros1, Encoding::Protobuf, Encoding::Json] {
         let path = folder.path().join(format!("{encoding:?}.mcap"));
         transcode(&cdr, &path, encoding);
         assert!(model(&path) == truth, "{encoding:?}: another model");
+        assert!(corrected(&path) == pictures, "{encoding:?}: other pictures");
     }
 }
 
@@ -195,13 +207,18 @@ fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
         let payloads: Vec<Vec<u8>> =
             whole.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m.data().to_vec()) } else { None }).collect();
         for _ in 0..60 * factor() {
-            std::fs::write(&path, dice.damage(&bytes)).unwrap();
+            let damaged = dice.damage(&bytes);
+            std::fs::write(&path, &damaged).unwrap();
             places += 1;
             let Ok(recording) = Recording::open(&path) else { continue };
             let _scan = scan(&recording, Window::ALL, &DvlFacts::default());
             for entry in recording.messages(Window::ALL) {
                 if let Entry::Message(m) = entry {
-                    assert!(payloads.iter().any(|p| p == m.data()), "{}: a message that was never written", log.display());
+                    // A flipped opcode can make a message of another record. Outside of a chunk there is no checksum to tell;
+                    // all that was written here lies in compressed chunks.
+                    let outside = || damaged.windows(m.data().len().max(1)).any(|w| w == m.data());
+                    let written = payloads.iter().any(|p| p == m.data());
+                    assert!(written || outside(), "{}: a message that was never written", log.display());
                 }
             }
         }

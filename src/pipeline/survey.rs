@@ -112,6 +112,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
             scan.channels.get(&dvl_id).map(|c| c.pings.iter().map(|(p, _)| p.stamp).collect()).unwrap_or_default()
         };
         let channel = id.and_then(|id| scan.channels.get(&id));
+        warnings.extend(channel.into_iter().flat_map(|c| checks::ranges(&c.pings)).map(|w| format!("{name}: {w}")));
         warnings.extend(channel.into_iter().flat_map(|c| checks::clock(c, &stamps)).map(|w| format!("{name}: {w}")));
     }
     for unknown in rig_file.time_offset_s.keys().filter(|t| recording.channels.values().all(|c| c.topic != **t)) {
@@ -291,10 +292,10 @@ fn choose_ranges(recording: &Recording, scan: &Scan, wanted: Option<&String>, ri
         (None, Some(id), _) => {
             let complaint = scan.channels.get(&id).and_then(|c| c.unreadable.1.clone()).filter(|_| rig_file.dvl.beams.is_none());
             let topic = topic(recording, id);
-            Err(Error::Usage(complaint.map_or_else(
-                || format!("{topic} holds no valid range to the seafloor; another instrument can be named with --dvl TOPIC"),
-                |c| format!("{topic}: {c}"),
-            )))
+            Err(match complaint {
+                Some(complaint) => Error::Rig(format!("{topic}: {complaint}")),
+                None => Error::Usage(format!("{topic} holds no valid range to the seafloor; another instrument can be named with --dvl TOPIC")),
+            })
         }
         (None, None, Some(wanted)) => Err(Error::NoSuchTopic { what: "range instrument", topic: wanted.clone(), seen: channel_list(recording) }),
         (None, None, None) => Err(Error::NoRanges { seen: channel_list(recording) }),

@@ -22,7 +22,8 @@ pub enum Encoding {
 pub fn transcode(source: &Path, target: &Path, encoding: Encoding) {
     let recording = Recording::open(source).unwrap();
     let file = std::io::BufWriter::new(std::fs::File::create(target).unwrap());
-    let mut writer = mcap::WriteOptions::new().create(file).unwrap();
+    let profile = if encoding == Encoding::Ros1 { "ros1" } else { "" };
+    let mut writer = mcap::WriteOptions::new().profile(profile).create(file).unwrap();
     let mut layouts = BTreeMap::new();
     for (id, schema) in &recording.schemas {
         let layout = parse(&schema.name, std::str::from_utf8(&schema.data).unwrap(), Dialect::Ros2).unwrap();

@@ -4,7 +4,7 @@
 use crate::messages::HeightCheck;
 use crate::recording::Recording;
 use crate::units::{SlantRange, Stamp};
-use crate::vehicle::{Beam, Camera, RangeKind, RigFile};
+use crate::vehicle::{Beam, Camera, Ping, RangeKind, RigFile};
 
 use super::super::scan::{ChannelScan, Scan};
 use crate::spaces::Direction;
@@ -15,6 +15,9 @@ const LEAST_MESSAGES: usize = 5;
 const LARGEST_COSINE: f64 = 0.98;
 /// A clock this far from the recorder's is the device's own [s].
 const DEVICE_CLOCK_S: f64 = 60.0;
+
+/// So many equal readings are no measurement.
+const FROZEN_MESSAGES: usize = 20;
 
 /// Seconds that the rig file adds to a topic's stamps.
 pub fn offset_s(rig_file: &RigFile, topic: &str) -> f64 {
@@ -90,6 +93,25 @@ pub fn slant_or_vertical(heights: &[HeightCheck]) -> Option<String> {
     }
 }
 
+/// Altitudes that stand still, and ranges that look like an instrument's limit.
+pub fn ranges(pings: &[(Ping, Stamp)]) -> Vec<String> {
+    let mut found = Vec::new();
+    let altitudes: Vec<f64> = pings.iter().filter_map(|(p, _)| p.altitude.map(|a| a.0)).collect();
+    let still = altitudes.chunk_by(|a, b| a == b).map(<[f64]>::len).max().unwrap_or(0);
+    if still >= FROZEN_MESSAGES {
+        found.push(format!("its altitude stands still for {still} messages: many drivers freeze it at the last good value"));
+    }
+    let ranges: Vec<f64> = pings.iter().flat_map(|(p, _)| p.beams.iter().filter_map(|b| b.range.map(|r| r.0))).collect();
+    let most = ranges.iter().copied().fold(0.0, f64::max);
+    let at_most = ranges.iter().filter(|r| **r == most).count();
+    if at_most >= FROZEN_MESSAGES && at_most < ranges.len() {
+        found.push(format!(
+            "{at_most} ranges are exactly {most} m, the largest of all: if that is the instrument's limit and means no echo, write max_range_m = {most} under [dvl] in rig.toml"
+        ));
+    }
+    found
+}
+
 /// Stamps that are missing, of another clock, that stand still or run backwards.
 pub fn clock(channel: &ChannelScan, stamps: &[Stamp]) -> Vec<String> {
     let mut found = Vec::new();
@@ -114,6 +136,7 @@ pub fn clock(channel: &ChannelScan, stamps: &[Stamp]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::units::Altitude;
 
     #[test]
     fn ranges_against_altitude() {
@@ -124,6 +147,18 @@ mod tests {
         assert!(slant_or_vertical(&heights(0.925, RangeKind::Vertical)).is_some_and(|w| w.contains("ranges = \"slant\"")));
         assert!(slant_or_vertical(&heights(2.0, RangeKind::Slant)).is_some_and(|w| w.contains("neither")));
         assert_eq!(slant_or_vertical(&heights(0.998, RangeKind::Slant)[..3]), None, "too few");
+    }
+
+    #[test]
+    fn frozen_altitudes_and_limits_are_told() {
+        let pings = |altitude: Option<f64>, range: Option<f64>, n: usize| {
+            let beam = range.map(|r| Beam { direction: Direction::boresight(), range: Some(SlantRange(r)) });
+            vec![(Ping { stamp: Stamp(0), beams: beam.into_iter().collect(), altitude: altitude.map(Altitude) }, Stamp(0)); n]
+        };
+        assert!(ranges(&pings(Some(1.85), None, 30))[0].contains("stands still"));
+        let limited = [pings(None, Some(81.0), 30), pings(None, Some(2.0), 1)].concat();
+        assert!(ranges(&limited)[0].contains("max_range_m = 81"));
+        assert!(ranges(&pings(Some(1.85), Some(2.0), 5)).is_empty());
     }
 
     #[test]
