@@ -23,9 +23,13 @@ pub enum Error {
     #[error("{what} in {path}: {reason}")]
     BadFile { path: PathBuf, what: &'static str, reason: String },
     #[error(
-        "the log has no camera images that can be read; it has {seen}. unwater needs sensor_msgs/Image or sensor_msgs/CompressedImage (cdr, ros2msg)"
+        "the log has no camera images that can be read; it has {seen}. unwater needs pictures shaped like sensor_msgs/Image, sensor_msgs/CompressedImage, foxglove.RawImage or foxglove.CompressedImage, in CDR, ROS 1, protobuf or JSON"
     )]
     NoCamera { seen: String },
+    #[error(
+        "{topic} holds {codec} video, not pictures, and a picture of it needs those before it; turn it into pictures first: `python3 examples/video_to_pictures.py IN.mcap OUT.mcap`, or in ROS 2 replay it through `ros2 run image_transport republish` (from ffmpeg or foxglove, to compressed) and record it anew"
+    )]
+    Video { topic: String, codec: String },
     #[error("the log has {found} cameras: {topics}; say which with --camera TOPIC")]
     SeveralCameras { found: usize, topics: String },
     #[error("there is no {what} on topic {topic:?}; the log has {seen}")]

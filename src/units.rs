@@ -14,6 +14,11 @@ impl Stamp {
         Self(sec.saturating_mul(1_000_000_000).saturating_add(nanos))
     }
 
+    /// This moment and so many seconds; they may be negative.
+    pub fn later(self, seconds: f64) -> Self {
+        Self(self.0.saturating_add((seconds * 1e9).round() as i64))
+    }
+
     /// Seconds from `other` to `self`; negative when `self` is earlier.
     pub fn seconds_since(self, other: Self) -> f64 {
         self.0.saturating_sub(other.0) as f64 * 1e-9

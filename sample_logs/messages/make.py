@@ -8,17 +8,19 @@ The logs come from an independent writer (Python `mcap` and `mcap-ros2-support`)
 reader and writer cannot hide. `expected.json` holds what a reader must make of each log. It is computed from the scene
 put into the log, never by decoding the log.
 
-Every log: profile ros2, message encoding cdr, schema encoding ros2msg (self-contained), one zstd chunk, one channel.
+Every log: one zstd chunk, one channel; profile ros2, message encoding cdr, schema encoding ros2msg (self-contained), but for
+those of other_encodings.py, which are in the others, and some of instruments.py and pictures.py.
 Stamps start at 1750000000.0 s and step by 0.25 s; publish_time = stamp + 5 ms, log_time = stamp + 20 ms.
 
 expected.json is {file: entry}. Each entry has
     topic, type    of the one channel
-    kind           image | camera_info | transforms | attitude | dvl | altitude
+    kind           image | camera_info | transforms | attitude | dvl | altitude | depth | video
     frame_id       of every header (null: the message has no header)
     stamps_ns      one per message; the log time where the message has no stamp
     log_times_ns   one per message
     readings       one per message (transforms: one per transform)
     note           what is special about this log, if anything
+    rig            what the [dvl] of a rig file must say for it, if anything
 and the readings are
     image        {width, height, bands, bits, linear, full_scale, rgb_at, tolerance}: rgb_at is [[x, y, [values]], ...],
                  values as fraction of full_scale *of the stored code* (no transfer curve undone), red, green, blue
@@ -31,9 +33,11 @@ and the readings are
                  beam, null for a beam without an echo. directions: unit vectors (x fwd, y right, z down) of the message,
                  or null when it has none that are sane: the reader then needs the instrument's geometry
     altitude     metres, or null
+    depth        {width, height, samples}: [column, row, metres] at the places of a 5×4 grid that have a depth
+    video        the codec: such a channel is refused
 
-The same versions of the packages give the same bytes: mcap 1.6.0, mcap-ros2-support 0.6.0, zstandard 0.25.0,
-numpy 2.4.6, Pillow 13.0.0 (its JPEG coder). Other versions give the same content in other bytes.
+The same versions of the packages give the same bytes: mcap 1.6.0, mcap-ros1-support 0.9.0, mcap-ros2-support 0.6.0,
+mcap-protobuf-support 0.6.0, protobuf 7.36.2, zstandard 0.25.0, numpy 2.4.6, Pillow 13.0.0 (its JPEG and WebP coders). Other versions give the same content in other bytes.
 """
 
 import argparse
@@ -41,6 +45,7 @@ import io
 import json
 import math
 import struct
+import sys
 import zlib
 from pathlib import Path
 
@@ -49,6 +54,10 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as RawWriter
 from mcap_ros2.writer import Writer as Ros2Writer
 from PIL import Image
+
+import instruments
+import other_encodings
+import pictures
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Time
@@ -789,6 +798,9 @@ def main():
     marine_dvls()
     waterlinked_dvl()
     altimeters()
+    other_encodings.logs(sys.modules[__name__])
+    instruments.logs(sys.modules[__name__])
+    pictures.logs(sys.modules[__name__])
     write_expected()
 
 

@@ -395,7 +395,7 @@ fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
     };
     put(&mount("camera", &c.mount, "optical frame: x right, y down, z out of the lens"));
     put(
-        "\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting",
+        "\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting\n# ranges = \"slant\"                # or \"vertical\", where the message's type misleads",
     );
     put(&mount("dvl", &facts.dvl.mount, "z along its axis, towards the seafloor"));
     put(&mount("strobe", &facts.strobe.mount, "z along its beam; where absent the light is taken to sit at the camera"));

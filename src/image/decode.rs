@@ -9,7 +9,7 @@ use image::ImageDecoder;
 
 use super::demosaic::Phase;
 use super::transfer::Transfer;
-use super::{Container, EncodedImage, LinearImage, SensorImage};
+use super::{Container, EncodedImage, LinearImage, SensorImage, yuv};
 
 /// How codes are to be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -98,7 +98,7 @@ fn samples(encoding: &str) -> Option<Samples> {
         "rgba16" => plain(4, 2, false),
         "bgra16" => plain(4, 2, true),
         "mono8" | "8uc1" => plain(1, 1, false),
-        "mono16" | "16uc1" | "mono12" | "mono10" => plain(1, 2, false),
+        "mono16" | "16uc1" | "mono10" | "mono12" | "mono14" => plain(1, 2, false),
         _ => None,
     }
 }
@@ -109,19 +109,54 @@ fn samples(encoding: &str) -> Option<Samples> {
 /// A sentence: an encoding that is not read, sizes that contradict the data, a damaged file.
 pub fn decode(encoded: &EncodedImage<'_>, light: Light) -> Result<Decoded, String> {
     match *encoded {
+        EncodedImage::Raw { width, height, encoding, step, data, .. } if yuv::is_yuv(encoding) => {
+            ensure_size(width, height)?;
+            let rgb = yuv::to_rgb8(encoding, (width, height), step, data).ok_or_else(|| misfit(encoded))?;
+            let s = Samples { channels: 3, bytes: 1, swapped: false, bayer: None };
+            linear(rgb.chunks_exact(3 * width), width, height, s, false, Container::Raw, light)
+        }
         EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
             let s = samples(encoding).ok_or_else(|| format!("the image encoding {encoding:?} is not read"))?;
             ensure_size(width, height)?;
             let row = width * s.channels * s.bytes;
             let needed = step.checked_mul(height - 1).and_then(|n| n.checked_add(row));
             if step < row || needed.is_none_or(|n| n > data.len()) {
-                return Err(format!("{width}×{height} {encoding} with step {step} does not fit its {} bytes", data.len()));
+                return Err(misfit(encoded));
             }
             let rows = (0..height).map(|y| &data[y * step..y * step + row]);
             linear(rows, width, height, s, big_endian, Container::Raw, light)
         }
         EncodedImage::Compressed { format, data } => compressed(format, data, light),
+        EncodedImage::Video { codec } => Err(format!("{codec} video is not read")),
     }
+}
+
+fn misfit(encoded: &EncodedImage<'_>) -> String {
+    match encoded {
+        EncodedImage::Raw { width, height, encoding, step, data, .. } => {
+            format!("{width}×{height} {encoding} with step {step} does not fit its {} bytes", data.len())
+        }
+        _ => "the picture does not fit its bytes".into(),
+    }
+}
+
+/// Width, height and codes of a grey 16-bit PNG: a depth picture.
+///
+/// # Errors
+/// Another kind of file, or a damaged one.
+pub fn grey16(data: &[u8]) -> Result<(usize, usize, Vec<u16>), String> {
+    let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
+    let decoder = image::codecs::png::PngDecoder::new(Cursor::new(data)).map_err(bad)?;
+    let (width, height) = decoder.dimensions();
+    let (width, height) = (width as usize, height as usize);
+    ensure_size(width, height)?;
+    ensure_plausible(width, height, data)?;
+    if decoder.color_type() != image::ColorType::L16 {
+        return Err("a depth picture that is not grey with 16 bits".into());
+    }
+    let mut bytes = vec![0; width * height * 2];
+    decoder.read_image(&mut bytes).map_err(bad)?;
+    Ok((width, height, bytes.chunks_exact(2).map(|b| u16::from_ne_bytes([b[0], b[1]])).collect()))
 }
 
 /// Width and height, as far as they can be told without decoding.
@@ -132,6 +167,7 @@ pub fn size(encoded: &EncodedImage<'_>) -> Option<(usize, usize)> {
             let (w, h) = image::ImageReader::new(Cursor::new(data)).with_guessed_format().ok()?.into_dimensions().ok()?;
             Some((w as usize, h as usize))
         }
+        EncodedImage::Video { .. } => None,
     }
 }
 
@@ -143,10 +179,12 @@ pub fn describe(encoded: &EncodedImage<'_>) -> String {
             let kind = match data {
                 [0xff, 0xd8, ..] => "jpeg",
                 [0x89, b'P', b'N', b'G', ..] => "png",
+                data if is_webp(data) => "webp",
                 _ => "unknown",
             };
             size(encoded).map_or_else(|| kind.into(), |(w, h)| format!("{kind} {w}×{h}"))
         }
+        EncodedImage::Video { codec } => format!("{codec} video"),
     }
 }
 
@@ -157,6 +195,28 @@ fn ensure_size(width: usize, height: usize) -> Result<(), String> {
     }
 }
 
+/// No coder shrinks a picture below this; a header that claims more lies about its size, and nothing is allocated for it.
+const MOST_PIXELS_PER_BYTE: usize = 4096;
+/// Small pictures are let through whatever their bytes [px].
+const FREE_PIXELS: usize = 1 << 20;
+
+fn ensure_plausible(width: usize, height: usize, data: &[u8]) -> Result<(), String> {
+    if width * height <= FREE_PIXELS + MOST_PIXELS_PER_BYTE * data.len() {
+        return Ok(());
+    }
+    Err(format!("a file of {} bytes claims {width}×{height} pixels", data.len()))
+}
+
+fn is_webp(data: &[u8]) -> bool {
+    data.starts_with(b"RIFF") && data.get(8..12) == Some(b"WEBP")
+}
+
+/// Lossless WebP is treated like PNG, lossy WebP like a JPEG that halves its colour, which it does.
+fn webp_container(data: &[u8]) -> Container {
+    let lossless = data.windows(4).take(256).any(|w| w == b"VP8L");
+    if lossless { Container::Png } else { Container::Jpeg { subsampled: true } }
+}
+
 fn compressed(format: &str, data: &[u8], light: Light) -> Result<Decoded, String> {
     let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
     let (mut decoder, container): (Box<dyn ImageDecoder + '_>, _) = match data {
@@ -165,7 +225,8 @@ fn compressed(format: &str, data: &[u8], light: Light) -> Result<Decoded, String
             (Box::new(image::codecs::jpeg::JpegDecoder::new(Cursor::new(data)).map_err(bad)?), Container::Jpeg { subsampled })
         }
         [0x89, b'P', b'N', b'G', ..] => (Box::new(image::codecs::png::PngDecoder::new(Cursor::new(data)).map_err(bad)?), Container::Png),
-        _ => return Err(format!("a compressed picture that is neither JPEG nor PNG (format {format:?})")),
+        data if is_webp(data) => (Box::new(image::codecs::webp::WebPDecoder::new(Cursor::new(data)).map_err(bad)?), webp_container(data)),
+        _ => return Err(format!("a compressed picture that is neither JPEG, PNG nor WebP (format {format:?})")),
     };
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(4 << 30);
@@ -173,6 +234,7 @@ fn compressed(format: &str, data: &[u8], light: Light) -> Result<Decoded, String
     let (width, height) = decoder.dimensions();
     let (width, height) = (width as usize, height as usize);
     ensure_size(width, height)?;
+    ensure_plausible(width, height, data)?;
     use image::ColorType as C;
     let (channels, bytes) = match decoder.color_type() {
         C::L8 => (1, 1),

@@ -8,6 +8,7 @@ pub mod decode;
 pub mod demosaic;
 pub mod encode;
 pub mod transfer;
+mod yuv;
 
 /// A picture as a message holds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,12 +28,17 @@ pub enum EncodedImage<'v> {
         /// the rows
         data: &'v [u8],
     },
-    /// a JPEG or PNG file
+    /// a JPEG, PNG or WebP file
     Compressed {
         /// what the writer says it is; only its first word, the pixel format before compression, is believed
         format: &'v str,
         /// the file's bytes
         data: &'v [u8],
+    },
+    /// a packet of a video stream: no picture by itself
+    Video {
+        /// `h264`, …
+        codec: &'v str,
     },
 }
 

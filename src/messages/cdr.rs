@@ -1,12 +1,13 @@
-//! Bytes on the wire ⇄ values: OMG CDR as ROS 2 writes it, both endians.
+//! Bytes on the wire ⇄ values: OMG CDR as ROS 2 writes it, both endians, and ROS 1 serialisation, which is the same
+//! without header, alignment and NUL.
 //!
 //! Memory is bounded by the message: a sequence that claims more elements than there are bytes left is
 //! an error before anything is allocated. Alignment counts from behind the 4-byte encapsulation header.
 
 use std::borrow::Cow;
 
-use super::ros_schema::{Layout, Primitive, Type};
-use super::value::Value;
+use super::layout::{Layout, Primitive, Type};
+use super::value::{Budget, Value};
 
 /// Reads one CDR message by its layout.
 ///
@@ -24,18 +25,31 @@ pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String>
     if *flags > 1 {
         return Err(format!("CDR representation {flags:#04x} is not plain CDR"));
     }
-    let mut reader = Reader { body, at: 0, little: *flags == 1 };
-    let root = layout.records.len().checked_sub(1).ok_or("an empty schema")?;
-    reader.record(layout, root)
+    Reader { body, at: 0, little: *flags == 1, aligned: true, budget: Budget::of(body) }.root(layout)
+}
+
+/// Reads one message of ROS 1 by its layout.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_ros1<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
+    Reader { body: message, at: 0, little: true, aligned: false, budget: Budget::of(message) }.root(layout)
 }
 
 struct Reader<'a> {
     body: &'a [u8],
     at: usize,
     little: bool,
+    /// CDR; else ROS 1
+    aligned: bool,
+    budget: Budget,
 }
 
 impl<'a> Reader<'a> {
+    fn root(&mut self, layout: &Layout) -> Result<Value<'a>, String> {
+        self.record(layout, layout.records.len().checked_sub(1).ok_or("an empty schema")?)
+    }
+
     fn take(&mut self, size: usize) -> Result<&'a [u8], String> {
         let end = self.at.checked_add(size).filter(|e| *e <= self.body.len());
         let end = end.ok_or_else(|| format!("the message ends at byte {} where {size} more are needed", self.body.len()))?;
@@ -45,7 +59,9 @@ impl<'a> Reader<'a> {
     }
 
     fn number<const N: usize>(&mut self) -> Result<[u8; N], String> {
-        self.at = self.at.next_multiple_of(N);
+        if self.aligned {
+            self.at = self.at.next_multiple_of(N);
+        }
         let mut bytes = [0; N];
         bytes.copy_from_slice(self.take(N)?);
         if !self.little {
@@ -87,7 +103,7 @@ impl<'a> Reader<'a> {
             }
             Primitive::WideText => {
                 let length = self.length()?;
-                if length > self.body.len() - self.at {
+                if length > self.body.len().saturating_sub(self.at) {
                     return Err("a wide string longer than its message".into());
                 }
                 let units = (0..length).map(|_| self.unsigned(2).map(|u| u as u16)).collect::<Result<Vec<_>, _>>()?;
@@ -105,9 +121,10 @@ impl<'a> Reader<'a> {
                     Some(count) => *count,
                     None => self.length()?,
                 };
-                // Every element has at least one byte: a length that lies is caught before it allocates.
-                if count > self.body.len() - self.at {
-                    return Err(format!("an array of {count} elements in the {} bytes left", self.body.len() - self.at));
+                // Every element has at least one byte (an empty message of ROS 1 has none, and costs budget): a length that
+                // lies is caught before it allocates.
+                if count > self.body.len().saturating_sub(self.at) {
+                    return Err(format!("an array of {count} elements in the {} bytes left", self.body.len().saturating_sub(self.at)));
                 }
                 match element.as_ref() {
                     Type::Primitive(Primitive::UInt(1)) => Ok(Value::Bytes(Cow::Borrowed(self.take(count)?))),
@@ -128,7 +145,8 @@ impl<'a> Reader<'a> {
 
     fn record(&mut self, layout: &Layout, index: usize) -> Result<Value<'a>, String> {
         let fields = layout.records.get(index).ok_or("a schema that points nowhere")?;
-        if fields.is_empty() {
+        self.budget.spend(1 + fields.len())?;
+        if fields.is_empty() && self.aligned {
             self.take(1)?; // ROS 2 gives an empty message one unused byte
         }
         fields.iter().map(|(name, kind)| Ok((name.clone(), self.value(layout, kind)?))).collect::<Result<_, String>>().map(Value::Record)
@@ -209,11 +227,16 @@ impl Writer {
 
 #[cfg(test)]
 mod tests {
+    use super::super::ros_schema::{Dialect, parse};
     use super::*;
+
+    fn layout(text: &str) -> Result<Layout, String> {
+        parse("t/T", text, Dialect::Ros2)
+    }
 
     #[test]
     fn what_is_written_is_read() {
-        let layout = Layout::parse("t/T", "std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n").expect("layout");
+        let layout = layout("std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n").expect("layout");
         let bytes = Writer::new().header(7, 9, "cam").u8(3).f64_array(&[1.0, -2.0]).f64_sequence(&[5.5]).bytes(&[1, 2, 3]).text("end").finish();
         let value = read(&layout, &bytes).expect("value");
         assert_eq!((value.integer("header.stamp.sec"), value.text("header.frame_id")), (Some(7), Some("cam")));
@@ -226,7 +249,7 @@ mod tests {
 
     #[test]
     fn a_length_that_lies_allocates_nothing() {
-        let layout = Layout::parse("t/T", "float64[] w\n").expect("layout");
+        let layout = layout("float64[] w\n").expect("layout");
         let bytes = Writer::new().u32(u32::MAX).finish();
         assert!(read(&layout, &bytes).expect_err("a lie").contains("elements"));
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::{Value, attitude, missing, ros_schema::Layout};
+use super::{Value, attitude, layout::Layout, missing};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     ["orientation.w", "angular_velocity", "linear_acceleration"].iter().all(|f| layout.has(f))

@@ -8,42 +8,79 @@
 mod altitude;
 mod camera_info;
 pub mod cdr;
+mod depth_picture;
+mod dvl;
+mod dvl_arrays;
 mod dvl_beams;
+mod dvl_by_path;
+mod dvl_numbered;
+mod dvl_points;
 mod dvl_ranges;
+mod foxglove_transforms;
+mod heading;
+mod idl_schema;
 mod imu;
+mod json;
+pub mod layout;
+mod mavlink_distance;
 mod odometry;
 pub mod output;
+mod ping1d;
+mod point_cloud;
+mod protobuf;
 mod range;
 mod ros_compressed_image;
 mod ros_image;
 pub mod ros_schema;
+mod table;
 mod transforms;
 pub mod value;
+mod video;
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use crate::image::EncodedImage;
-use crate::units::Stamp;
-use crate::vehicle::{Camera, DvlFacts, Ping};
-use ros_schema::Layout;
+use crate::vehicle::{Calibration, DvlFacts, Ping, RangeKind};
+pub use heading::{Heading, attitude_frame, heading};
+use layout::Layout;
+use ros_schema::Dialect;
+use table::DEPTH;
+pub use table::{MessageType, TYPES};
 use value::Value;
 
-/// Stamp and frame id of a message.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Heading {
-    /// the header's own time; `None` where the message has none or it is 0
-    pub stamp: Option<Stamp>,
-    /// the TF frame it is given in, without a leading slash
-    pub frame_id: String,
-}
-
 /// A range instrument's report, ready for geometry, or why it is left out.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PingReading {
     /// `None` where the message holds no bottom range at all (a water-track report)
     pub ping: Option<Ping>,
     /// what had to be mended or assumed, said once per channel
     pub remark: Option<String>,
+    /// the message's own altitude held against its ranges
+    pub height: Option<HeightCheck>,
+    /// places of a depth picture: beams once the camera's calibration is known
+    pub pixels: Option<DepthPixels>,
+}
+
+/// Some places of a depth picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DepthPixels {
+    /// size of the picture [px]
+    pub width: usize,
+    /// see `width`
+    pub height: usize,
+    /// column, row [px] and depth along the optical axis [m]
+    pub samples: Vec<[f64; 3]>,
+}
+
+/// What a message's own altitude says of its ranges: whether they are slant or vertical.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeightCheck {
+    /// altitude over the mean of the ranges, all beams good: about `cosine` where they are slant, 1 where they are vertical
+    pub ratio: f64,
+    /// mean cosine of the beams' angles off their axis
+    pub cosine: f64,
+    /// what the ranges were taken for
+    pub kind: RangeKind,
 }
 
 /// One edge of the TF tree: the child's pose in the parent.
@@ -72,7 +109,7 @@ pub enum Kind {
     /// pictures
     Picture(for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>),
     /// calibration; `None` where the message says it is not calibrated
-    CameraInfo(fn(&Value<'_>) -> Result<Option<Camera>, String>),
+    CameraInfo(fn(&Value<'_>) -> Result<Option<Calibration>, String>),
     /// mounts
     Transforms(fn(&Value<'_>) -> Result<Vec<Edge>, String>),
     /// world_from_sensor; `None` where the message says it has no attitude
@@ -94,34 +131,47 @@ impl Kind {
     }
 }
 
-/// One message type the program reads.
-pub struct MessageType {
-    /// the best known name of the shape
-    pub name: &'static str,
-    /// whether a schema (and topic) has this shape
-    pub matches: fn(&Layout, &str) -> bool,
-    /// how it is read
-    pub kind: Kind,
+/// Beside the table: what `dvl.path` in the rig file points to.
+static BY_PATH: MessageType = MessageType {
+    name: "dvl.path in the rig file",
+    about: "what the rig file points to",
+    matches: |_, _| false,
+    kind: Kind::Ping(0, dvl_by_path::decode),
+};
+
+/// How a channel's bytes become values.
+enum Wire {
+    Cdr(Layout),
+    Ros1(Layout),
+    Protobuf(protobuf::Schema),
+    Json(Layout),
 }
 
-/// Every message type that is read, first match wins.
-#[rustfmt::skip]
-pub const TYPES: &[MessageType] = &[
-    MessageType { name: "sensor_msgs/Image",           matches: ros_image::matches,            kind: Kind::Picture(ros_image::decode) },
-    MessageType { name: "sensor_msgs/CompressedImage", matches: ros_compressed_image::matches, kind: Kind::Picture(ros_compressed_image::decode) },
-    MessageType { name: "sensor_msgs/CameraInfo",      matches: camera_info::matches,          kind: Kind::CameraInfo(camera_info::decode) },
-    MessageType { name: "tf2_msgs/TFMessage",          matches: transforms::matches,           kind: Kind::Transforms(transforms::decode) },
-    MessageType { name: "sensor_msgs/Imu",             matches: imu::matches,                  kind: Kind::Attitude(imu::decode) },
-    MessageType { name: "nav_msgs/Odometry",           matches: odometry::matches,             kind: Kind::Attitude(odometry::decode) },
-    MessageType { name: "marine_acoustic_msgs/Dvl",    matches: dvl_ranges::matches,           kind: Kind::Ping(0, dvl_ranges::decode) },
-    MessageType { name: "dvl_msgs/DVL",                matches: dvl_beams::matches,            kind: Kind::Ping(0, dvl_beams::decode) },
-    MessageType { name: "sensor_msgs/Range",           matches: range::matches,                kind: Kind::Ping(1, range::decode) },
-    MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches,             kind: Kind::Ping(2, altitude::decode) },
-];
+impl Wire {
+    /// From a schema; `None` for encodings that are not read.
+    fn of(message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Option<Self>, String> {
+        let text = || String::from_utf8_lossy(schema);
+        Ok(match (message_encoding, schema_encoding) {
+            ("cdr", "ros2msg") => Some(Self::Cdr(ros_schema::parse(schema_name, &text(), Dialect::Ros2)?)),
+            ("cdr", "ros2idl" | "omgidl") => Some(Self::Cdr(idl_schema::parse(schema_name, &text())?)),
+            ("ros1", "ros1msg") => Some(Self::Ros1(ros_schema::parse(schema_name, &text(), Dialect::Ros1)?)),
+            ("protobuf", "protobuf") => Some(Self::Protobuf(protobuf::Schema::parse(schema_name, schema)?)),
+            ("json", "jsonschema") => Some(Self::Json(json::parse_schema(schema)?)),
+            _ => None,
+        })
+    }
+
+    fn layout(&self) -> &Layout {
+        match self {
+            Self::Cdr(layout) | Self::Ros1(layout) | Self::Json(layout) => layout,
+            Self::Protobuf(schema) => &schema.layout,
+        }
+    }
+}
 
 /// A channel that can be read.
 pub struct Decoder {
-    layout: Layout,
+    wire: Wire,
     /// its row of [`TYPES`]
     pub message_type: &'static MessageType,
 }
@@ -132,12 +182,40 @@ impl Decoder {
     /// # Errors
     /// A sentence where the schema cannot be parsed.
     pub fn for_channel(topic: &str, message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Option<Self>, String> {
-        if message_encoding != "cdr" || schema_encoding != "ros2msg" {
-            return Ok(None);
+        Ok(Wire::of(message_encoding, schema_name, schema_encoding, schema)?.and_then(|wire| Self::matching(wire, topic)))
+    }
+
+    /// The decoder for a JSON channel without a schema, by its first message.
+    ///
+    /// # Errors
+    /// A sentence where that is no JSON object.
+    pub fn for_json(topic: &str, message: &[u8]) -> Result<Option<Self>, String> {
+        Ok(Self::matching(Wire::Json(json::layout_of(message)?), topic))
+    }
+
+    /// The decoder for the channel whose ranges the rig file points to (`dvl.topic`, `dvl.path`), whatever its shape.
+    ///
+    /// # Errors
+    /// A sentence where the encoding is not read or the schema cannot be parsed.
+    pub fn by_path(message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Self, String> {
+        let wire = match Wire::of(message_encoding, schema_name, schema_encoding, schema)? {
+            None if message_encoding == "json" => Wire::Json(Layout { records: Vec::new() }),
+            wire => wire.ok_or_else(|| format!("rig file: dvl.path in a message of encoding {message_encoding:?} is not read"))?,
+        };
+        Ok(Self { wire, message_type: &BY_PATH })
+    }
+
+    fn matching(wire: Wire, topic: &str) -> Option<Self> {
+        let found = TYPES.iter().find(|t| (t.matches)(wire.layout(), topic));
+        found.map(|message_type| Self { wire, message_type })
+    }
+
+    /// Looks at the channel's first message: a depth picture has the shape of any other.
+    pub fn settle(&mut self, topic: &str, first: &[u8]) {
+        let is_depth = matches!(self.message_type.kind, Kind::Picture(_)) && self.read(first).is_ok_and(|v| depth_picture::is_depth(&v, topic));
+        if is_depth && let Some(depth) = TYPES.iter().find(|t| t.name == DEPTH) {
+            self.message_type = depth;
         }
-        let layout = Layout::parse(schema_name, &String::from_utf8_lossy(schema))?;
-        let found = TYPES.iter().find(|t| (t.matches)(&layout, topic));
-        Ok(found.map(|message_type| Self { layout, message_type }))
     }
 
     /// Reads one message into named fields.
@@ -145,22 +223,13 @@ impl Decoder {
     /// # Errors
     /// A sentence where the bytes contradict the schema.
     pub fn read<'a>(&self, message: &'a [u8]) -> Result<Value<'a>, String> {
-        cdr::read(&self.layout, message)
+        match &self.wire {
+            Wire::Cdr(layout) => cdr::read(layout, message),
+            Wire::Ros1(layout) => cdr::read_ros1(layout, message),
+            Wire::Protobuf(schema) => schema.read(message),
+            Wire::Json(layout) => json::read(Some(layout), message),
+        }
     }
-}
-
-/// Stamp and frame of any message with a header.
-pub fn heading(value: &Value<'_>) -> Heading {
-    let stamp = value.integer("header.stamp.sec").zip(value.integer("header.stamp.nanosec"));
-    Heading {
-        stamp: stamp.filter(|(s, n)| *s > 0 || *n > 0).map(|(s, n)| Stamp::from_sec_nanos(s, n)),
-        frame_id: value.text("header.frame_id").unwrap_or("").trim_start_matches('/').into(),
-    }
-}
-
-/// The frame whose attitude an attitude message gives: an odometry's child, else the header's.
-pub fn attitude_frame(value: &Value<'_>) -> String {
-    value.text("child_frame_id").map_or_else(|| heading(value).frame_id, |s| s.trim_start_matches('/').into())
 }
 
 fn missing(field: &str) -> String {

@@ -167,7 +167,7 @@ pub fn log(stamp: Stamp, level: Level, text: &str) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::messages::{cdr, ros_schema::Layout};
+    use crate::messages::{cdr, ros_schema};
 
     #[test]
     fn what_is_written_reads_by_its_own_schema() {
@@ -181,7 +181,7 @@ mod tests {
             (LOG, log(Stamp(5), Level::Warn, "dark")),
         ];
         for (kind, bytes) in cases {
-            let layout = Layout::parse(kind.name, kind.schema).expect(kind.name);
+            let layout = ros_schema::parse(kind.name, kind.schema, ros_schema::Dialect::Ros2).expect(kind.name);
             let value = cdr::read(&layout, &bytes).expect(kind.name);
             match kind.name {
                 "sensor_msgs/msg/CameraInfo" => assert_eq!(value.numbers("k").map(|k| k[0]), Some(camera.fx)),

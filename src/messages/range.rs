@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{PingReading, Value, heading, missing, ros_schema::Layout};
+use super::{PingReading, Value, heading, layout::Layout, missing};
 use crate::spaces::Direction;
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, Ping};
@@ -29,5 +29,5 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude) }
     };
     let remark = (!narrow).then(|| "a wide sonar cone: its range is read as an altitude".into());
-    Ok(PingReading { ping: Some(ping), remark })
+    Ok(PingReading { ping: Some(ping), remark, ..PingReading::default() })
 }

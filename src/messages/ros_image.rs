@@ -1,11 +1,12 @@
 //! `sensor_msgs/Image`: pixels as they come off the sensor. Also bayer, also with a padded step, also big-endian.
-//! Definition: ros2/common_interfaces, `sensor_msgs/msg/Image.msg` and `image_encodings.hpp`.
+//! Definition: ros2/common_interfaces, `sensor_msgs/msg/Image.msg` and `image_encodings.hpp`. `foxglove.RawImage` is the
+//! same without `is_bigendian`: little-endian.
 
-use super::{Value, missing, ros_schema::Layout};
+use super::{Value, layout::Layout, missing};
 use crate::image::EncodedImage;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
-    ["height", "width", "encoding", "step", "data", "is_bigendian"].iter().all(|f| layout.has(f))
+    ["height", "width", "encoding", "step", "data"].iter().all(|f| layout.has(f))
 }
 
 pub fn decode<'v>(value: &'v Value<'_>) -> Result<EncodedImage<'v>, String> {

@@ -1,169 +1,69 @@
-//! `ros2msg` schema text → the layout of a message on the wire.
+//! `ros2msg` and `ros1msg` schema text → the layout of a message on the wire.
 //!
 //! The text of a channel's own schema decides how its bytes are read, never the type's name: one name
 //! (`ds_sensor_msgs/Dvl`) has two incompatible definitions in the field, and one shape has eight names.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use super::layout::{Definitions, Layout, Primitive, Written, WrittenField, build};
 
-use super::value::same_name;
-
-/// A primitive of the ROS interface language.
+/// The two languages differ in what `time`, `byte` and an undefined `Header` mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Primitive {
-    /// `bool`
-    Bool,
-    /// signed integer of so many bytes
-    Int(usize),
-    /// unsigned integer of so many bytes
-    UInt(usize),
-    /// float of so many bytes
-    Float(usize),
-    /// `string`, also bounded
-    Text,
-    /// `wstring`, also bounded
-    WideText,
+pub enum Dialect {
+    /// `ros1msg`
+    Ros1,
+    /// `ros2msg`
+    Ros2,
 }
 
-/// The type of a field.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Type {
-    /// a primitive
-    Primitive(Primitive),
-    /// a message: index into [`Layout::records`]
-    Record(usize),
-    /// an array: fixed length, or a length on the wire
-    Array(Box<Type>, Option<usize>),
+/// Parses a definition with its dependencies behind `===` lines and `MSG: pkg/Type`.
+///
+/// # Errors
+/// A sentence: an unknown type, a type that holds itself, a line that is no field.
+pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String> {
+    let mut definitions = Definitions::new();
+    let root = short(name);
+    let mut current = Some(root.clone());
+    for line in text.lines() {
+        let line = line.trim();
+        // `---` ends the first half of a service: no topic carries the second.
+        if line.len() >= 3 && (line == "---" || line.bytes().all(|b| b == b'=')) {
+            current = None;
+        } else if let Some(dependency) = line.strip_prefix("MSG:") {
+            current = Some(short(dependency.trim()));
+            definitions.entry(short(dependency.trim())).or_default();
+        } else if let Some(section) = &current
+            && let Some(field) = field(line, dialect)?
+        {
+            definitions.entry(section.clone()).or_default().push(field);
+        }
+    }
+    definitions.entry(root.clone()).or_default();
+    let stamp = ["int32 sec", "uint32 nanosec"];
+    let header: &[&str] = match dialect {
+        Dialect::Ros1 => &["uint32 seq", "time stamp", "string frame_id"],
+        Dialect::Ros2 => &["builtin_interfaces/Time stamp", "string frame_id"],
+    };
+    for (known, lines) in [
+        ("builtin_interfaces/Time", &stamp[..]),
+        ("builtin_interfaces/Duration", &stamp),
+        ("std_msgs/Header", header),
+        // ROS 1 has them as primitives, under names that no message can have.
+        ("time", &["uint32 sec", "uint32 nanosec"]),
+        ("duration", &stamp),
+    ] {
+        if !definitions.contains_key(known) {
+            let fields = lines.iter().filter_map(|l| field(l, dialect).transpose()).collect::<Result<_, _>>()?;
+            definitions.insert(known.into(), fields);
+        }
+    }
+    Ok(build(&definitions, &root, &|base, scope| resolve(&definitions, base, scope))?.0)
 }
 
-/// A message definition and all it depends on.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Layout {
-    /// fields of each message; the last one is the root
-    pub records: Vec<Vec<(Arc<str>, Type)>>,
-}
-
-/// A line of a definition, types not yet resolved.
-struct Line {
-    base: String,
-    array: Option<Option<usize>>,
-    name: String,
-}
-
-impl Layout {
-    /// Parses a definition with its dependencies behind `===` lines and `MSG: pkg/Type`.
-    ///
-    /// # Errors
-    /// A sentence: an unknown type, a type that holds itself, a line that is no field.
-    pub fn parse(name: &str, text: &str) -> Result<Self, String> {
-        let mut sections: BTreeMap<String, Vec<Line>> = BTreeMap::new();
-        let root = short(name);
-        let mut current = Some(root.clone());
-        for line in text.lines() {
-            let line = line.trim();
-            if line.len() >= 3 && line.bytes().all(|b| b == b'=') {
-                current = None;
-            } else if let Some(dependency) = line.strip_prefix("MSG:") {
-                current = Some(short(dependency.trim()));
-                sections.entry(short(dependency.trim())).or_default();
-            } else if let Some(section) = &current
-                && let Some(field) = field(line)?
-            {
-                sections.entry(section.clone()).or_default().push(field);
-            }
-        }
-        sections.entry(root.clone()).or_default();
-        for (known, fields) in [
-            ("builtin_interfaces/Time", ["int32 sec", "uint32 nanosec"]),
-            ("builtin_interfaces/Duration", ["int32 sec", "uint32 nanosec"]),
-            ("std_msgs/Header", ["builtin_interfaces/Time stamp", "string frame_id"]),
-        ] {
-            if !sections.contains_key(known) {
-                let fields = fields.iter().filter_map(|l| field(l).transpose()).collect::<Result<_, _>>()?;
-                sections.insert(known.into(), fields);
-            }
-        }
-        let mut builder = Builder { sections: &sections, done: BTreeMap::new(), open: Vec::new(), records: Vec::new() };
-        builder.record(&root)?;
-        Ok(Self { records: builder.records })
-    }
-
-    /// The root message's fields.
-    pub fn root(&self) -> &[(Arc<str>, Type)] {
-        self.records.last().map_or(&[], Vec::as_slice)
-    }
-
-    /// Whether a dotted path exists; arrays are passed through (`beams.distance`).
-    pub fn has(&self, path: &str) -> bool {
-        self.type_at(path).is_some()
-    }
-
-    /// The type at a dotted path; arrays are passed through.
-    pub fn type_at(&self, path: &str) -> Option<&Type> {
-        let mut fields = self.root();
-        let mut names = path.split('.').peekable();
-        while let Some(name) = names.next() {
-            let (_, kind) = fields.iter().find(|(n, _)| same_name(n, name))?;
-            if names.peek().is_none() {
-                return Some(kind);
-            }
-            let mut inner = kind;
-            while let Type::Array(element, _) = inner {
-                inner = element;
-            }
-            let Type::Record(index) = inner else { return None };
-            fields = self.records.get(*index)?;
-        }
-        None
-    }
-}
-
-struct Builder<'t> {
-    sections: &'t BTreeMap<String, Vec<Line>>,
-    done: BTreeMap<String, usize>,
-    open: Vec<String>,
-    records: Vec<Vec<(Arc<str>, Type)>>,
-}
-
-impl Builder<'_> {
-    fn record(&mut self, name: &str) -> Result<usize, String> {
-        if let Some(index) = self.done.get(name) {
-            return Ok(*index);
-        }
-        if self.open.iter().any(|n| n == name) {
-            return Err(format!("the schema's type {name} holds itself"));
-        }
-        let lines = self.sections.get(name).ok_or_else(|| format!("the schema does not define its type {name}"))?;
-        self.open.push(name.into());
-        let mut fields = Vec::with_capacity(lines.len());
-        for line in lines {
-            let element = match primitive(&line.base) {
-                Some(p) => Type::Primitive(p),
-                None => Type::Record(self.record(&self.resolve(&line.base, name)?)?),
-            };
-            let kind = match line.array {
-                Some(size) => Type::Array(Box::new(element), size),
-                None => element,
-            };
-            fields.push((Arc::from(line.name.as_str()), kind));
-        }
-        self.open.pop();
-        self.records.push(fields);
-        self.done.insert(name.into(), self.records.len() - 1);
-        Ok(self.records.len() - 1)
-    }
-
-    /// `Header` and types of the same package may come without one.
-    fn resolve(&self, base: &str, scope: &str) -> Result<String, String> {
-        let base = short(base);
-        let package = scope.split('/').next().unwrap_or("");
-        let candidates = [base.clone(), format!("{package}/{base}"), format!("std_msgs/{base}"), format!("builtin_interfaces/{base}")];
-        candidates
-            .into_iter()
-            .find(|c| self.sections.contains_key(c))
-            .or_else(|| self.sections.keys().find(|k| k.rsplit('/').next() == Some(&base)).cloned())
-            .ok_or_else(|| format!("the schema does not define {base}, used in {scope}"))
-    }
+/// `Header` and types of the same package may come without one.
+fn resolve(definitions: &Definitions, base: &str, scope: &str) -> Option<String> {
+    let base = short(base);
+    let package = scope.split('/').next().unwrap_or("");
+    let candidates = [base.clone(), format!("{package}/{base}"), format!("std_msgs/{base}"), format!("builtin_interfaces/{base}")];
+    candidates.into_iter().find(|c| definitions.contains_key(c)).or_else(|| definitions.keys().find(|k| k.rsplit('/').next() == Some(&base)).cloned())
 }
 
 /// `pkg/msg/Type` and `pkg/srv/Type` → `pkg/Type`.
@@ -176,7 +76,7 @@ fn short(name: &str) -> String {
 }
 
 /// One line of a definition: `None` for blanks, comments and constants.
-fn field(line: &str) -> Result<Option<Line>, String> {
+fn field(line: &str, dialect: Dialect) -> Result<Option<WrittenField>, String> {
     let line = line.split('#').next().unwrap_or("").trim();
     let Some((kind, rest)) = line.split_once(char::is_whitespace) else {
         return if line.is_empty() { Ok(None) } else { Err(format!("the schema line {line:?} is no field")) };
@@ -196,18 +96,24 @@ fn field(line: &str) -> Result<Option<Line>, String> {
             let fixed = if size.is_empty() || size.starts_with("<=") {
                 None
             } else {
-                Some(size.parse().map_err(|_ignored| format!("the array size in {line:?} is no number"))?)
+                Some(size.parse().map_err(|e| format!("the array size in {line:?} is no number ({e})"))?)
             };
             (base, Some(fixed))
         }
     };
     let base = base.split("<=").next().unwrap_or(base);
-    Ok(Some(Line { base: base.into(), array, name }))
+    let element = primitive(base, dialect).map_or_else(|| Written::Named(base.into()), Written::Primitive);
+    let kind = match array {
+        Some(size) => Written::Array(Box::new(element), size),
+        None => element,
+    };
+    Ok(Some(WrittenField { name, kind }))
 }
 
-fn primitive(name: &str) -> Option<Primitive> {
+fn primitive(name: &str, dialect: Dialect) -> Option<Primitive> {
     Some(match name {
         "bool" => Primitive::Bool,
+        "byte" if dialect == Dialect::Ros1 => Primitive::Int(1),
         "int8" => Primitive::Int(1),
         "int16" => Primitive::Int(2),
         "int32" => Primitive::Int(4),
@@ -226,20 +132,26 @@ fn primitive(name: &str) -> Option<Primitive> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::layout::Type;
     use super::*;
 
     #[test]
     fn arrays_constants_and_relative_names() {
         let text =
             "uint8 MODE=1\nHeader header\nBeam[] beams # four\nfloat64[3] v\nstring<=10 form \"a\"\n===\nMSG: p/Beam\nfloat64 distance\nbool valid\n";
-        let layout = Layout::parse("p/msg/Dvl", text).expect("a layout");
+        let layout = parse("p/msg/Dvl", text, Dialect::Ros2).expect("a layout");
         assert!(layout.has("header.stamp.nanosec") && layout.has("beams.distance") && !layout.has("mode"));
         assert_eq!(layout.type_at("v"), Some(&Type::Array(Box::new(Type::Primitive(Primitive::Float(8))), Some(3))));
+        let layout = parse("p/Dvl", "Header header\ntime at\n", Dialect::Ros1).expect("a layout");
+        assert!(layout.has("header.seq") && layout.has("at.sec"));
     }
 
     #[test]
-    fn a_type_that_holds_itself_is_refused() {
-        let error = Layout::parse("p/A", "B b\n===\nMSG: p/B\nA a\n").expect_err("recursion");
+    fn types_without_end_are_refused() {
+        let error = parse("p/A", "B b\n===\nMSG: p/B\nA a\n", Dialect::Ros2).expect_err("recursion");
         assert!(error.contains("holds itself"), "{error}");
+        let chain: String = (0..100_000).map(|i| format!("T{} x\n===\nMSG: p/T{}\n", i + 1, i + 1)).collect();
+        let error = parse("p/T0", &chain, Dialect::Ros2).expect_err("a chain");
+        assert!(error.contains("nests"), "{error}");
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Edge, Value, attitude, missing, ros_schema::Layout};
+use super::{Edge, Value, attitude, layout::Layout, missing};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     layout.has("transforms.child_frame_id") && layout.has("transforms.transform.rotation")

@@ -27,10 +27,18 @@ pub enum Value<'a> {
     Record(Vec<(Arc<str>, Value<'a>)>),
 }
 
+fn plain(name: &str) -> impl Iterator<Item = char> {
+    name.chars().filter(|c| *c != '_').map(|c| c.to_ascii_lowercase())
+}
+
+/// A name without case and underscores.
+pub fn plain_name(name: &str) -> String {
+    plain(name).collect()
+}
+
 /// Equal but for case and underscores.
 pub fn same_name(a: &str, b: &str) -> bool {
-    let plain = |s: &str| s.bytes().filter(|c| *c != b'_').map(|c| c.to_ascii_lowercase()).collect::<Vec<_>>();
-    a == b || plain(a) == plain(b)
+    a == b || plain(a).eq(plain(b))
 }
 
 impl<'a> Value<'a> {
@@ -50,6 +58,8 @@ impl<'a> Value<'a> {
             Self::Float(v) => Some(*v),
             Self::Int(v) => Some(*v as f64),
             Self::Bool(v) => Some(f64::from(u8::from(*v))),
+            // protobuf's JSON writes 64-bit integers as text
+            Self::Text(v) => v.parse().ok(),
             _ => None,
         }
     }
@@ -60,6 +70,7 @@ impl<'a> Value<'a> {
             Self::Int(v) => Some(*v),
             Self::Bool(v) => Some(i64::from(*v)),
             Self::Float(v) if v.fract() == 0.0 => Some(*v as i64),
+            Self::Text(v) => v.parse().ok(),
             _ => None,
         }
     }
@@ -112,5 +123,24 @@ impl<'a> Value<'a> {
     pub fn xyzw(&self, path: &str) -> Option<[f64; 4]> {
         let v = self.get(path)?;
         Some([v.number("x")?, v.number("y")?, v.number("z")?, v.number("w")?])
+    }
+}
+
+/// How many values one message may become: in proportion to its bytes, whatever its lengths and its schema claim.
+pub struct Budget(usize);
+
+impl Budget {
+    /// For a message of these bytes.
+    pub fn of(message: &[u8]) -> Self {
+        Self(4096 + 16 * message.len())
+    }
+
+    /// Takes from it.
+    ///
+    /// # Errors
+    /// A sentence where nothing is left.
+    pub fn spend(&mut self, values: usize) -> Result<(), String> {
+        self.0 = self.0.checked_sub(values).ok_or("the message claims more values than its size can hold")?;
+        Ok(())
     }
 }

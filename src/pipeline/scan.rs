@@ -6,10 +6,10 @@ use nalgebra::UnitQuaternion;
 
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
-use crate::messages::{Decoder, Edge, Kind, attitude_frame, heading};
+use crate::messages::{Decoder, DepthPixels, Edge, HeightCheck, Kind, attitude_frame, heading};
 use crate::recording::{Channel, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
-use crate::vehicle::{Camera, DvlFacts, Ping};
+use crate::vehicle::{Calibration, DvlFacts, Ping};
 
 /// A picture of a camera: all that is known without decoding it.
 #[derive(Clone, Copy, Debug)]
@@ -33,7 +33,11 @@ pub struct ChannelScan {
     pub description: String,
     /// median of header time − log time, once the scan is done [s]
     pub clock_offset_s: Option<f64>,
-    offsets: Vec<f64>,
+    pub(super) offsets: Vec<f64>,
+    /// messages without a stamp, or with one of 0
+    pub unstamped: u64,
+    /// the first message has been looked at
+    pub(super) shape_asked: bool,
     /// pictures
     pub frames: Vec<FrameRef>,
     /// codes of 16-bit pictures or-ed together
@@ -46,12 +50,18 @@ pub struct ChannelScan {
     pub pings: Vec<(Ping, Stamp)>,
     /// what the decoder had to mend, each once
     pub remarks: Vec<String>,
+    /// depth pictures: what becomes beams of the ping of the same number
+    pub depths: Vec<DepthPixels>,
+    /// the codec, where the channel holds video
+    pub video: Option<String>,
+    /// altitudes held against ranges
+    pub heights: Vec<HeightCheck>,
     /// attitudes with the log time
     pub attitudes: Vec<(Stamp, Stamp, UnitQuaternion<f64>)>,
     /// messages that say they have no attitude
     pub without_attitude: u64,
     /// the first calibration that is one, and whether any said "not calibrated"
-    pub camera: Option<Camera>,
+    pub camera: Option<Calibration>,
     /// TF edges, first of each child
     pub edges: Vec<Edge>,
 }
@@ -75,8 +85,13 @@ pub struct Scan {
 }
 
 /// Decoders for the channels known so far; complaints about schemas that cannot be parsed.
-fn decoder(recording: &Recording, channel: &Channel) -> Result<Option<Decoder>, String> {
-    match recording.schemas.get(&channel.schema_id) {
+fn decoder(recording: &Recording, channel: &Channel, dvl: &DvlFacts) -> Result<Option<Decoder>, String> {
+    let schema = recording.schemas.get(&channel.schema_id);
+    if dvl.path.is_some() && dvl.topic.as_ref() == Some(&channel.topic) {
+        let (name, encoding, data) = schema.map_or(("", "", &[][..]), |s| (&s.name, &s.encoding, &s.data));
+        return Decoder::by_path(&channel.message_encoding, name, encoding, data).map(Some);
+    }
+    match schema {
         Some(schema) => Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data),
         None => Ok(None),
     }
@@ -93,7 +108,7 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
         Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0, window };
     for (id, channel) in &recording.channels {
         let mut of_channel = ChannelScan::default();
-        match decoder(recording, channel) {
+        match decoder(recording, channel, dvl) {
             Ok(Some(decoder)) => {
                 scan.decoders.insert(*id, decoder);
             }
@@ -104,7 +119,12 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
     }
     for entry in recording.messages(Window::ALL) {
         match entry {
-            Entry::Message(message) => scan.take(&message, window, dvl),
+            Entry::Message(message) => {
+                if let Some(channel) = recording.channels.get(&message.channel) {
+                    scan.know(channel, &message);
+                }
+                scan.take(&message, window, dvl);
+            }
             Entry::Damaged(damage) => scan.damage.push(damage),
         }
     }
@@ -124,6 +144,23 @@ impl Scan {
     pub fn homeless_damage(&self) -> Option<Damage> {
         let reason = format!("{} messages belong to no channel and are left out", self.homeless);
         (self.homeless > 0).then_some(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })
+    }
+
+    /// What only the channel's first message can say: JSON without a schema, depth in the shape of a picture.
+    fn know(&mut self, channel: &Channel, message: &Message) {
+        let Some(of_channel) = self.channels.get_mut(&message.channel).filter(|c| !c.shape_asked) else { return };
+        of_channel.shape_asked = true;
+        if let Some(decoder) = self.decoders.get_mut(&message.channel) {
+            decoder.settle(&channel.topic, message.data());
+        } else if channel.schema_id == 0 && channel.message_encoding == "json" {
+            match Decoder::for_json(&channel.topic, message.data()) {
+                Ok(Some(decoder)) => {
+                    self.decoders.insert(message.channel, decoder);
+                }
+                Ok(None) => {}
+                Err(e) => of_channel.unreadable.1 = Some(e),
+            }
+        }
     }
 
     fn take(&mut self, message: &Message, window: Window, dvl: &DvlFacts) {
@@ -160,8 +197,9 @@ impl ChannelScan {
         let said = heading(&value);
         let logged = message.logged();
         let stamp = said.stamp.unwrap_or(logged);
-        if let Some(stamp) = said.stamp {
-            self.offsets.push(stamp.seconds_since(logged));
+        match said.stamp {
+            Some(stamp) => self.offsets.push(stamp.seconds_since(logged)),
+            None => self.unstamped += 1,
         }
         if self.frame_id.is_empty() {
             self.frame_id = if matches!(kind, Kind::Attitude(_)) { attitude_frame(&value) } else { said.frame_id };
@@ -169,6 +207,9 @@ impl ChannelScan {
         match kind {
             Kind::Picture(decode) => {
                 let picture = decode(&value)?;
+                if let EncodedImage::Video { codec } = picture {
+                    self.video.get_or_insert_with(|| codec.into());
+                }
                 self.probe(&picture);
                 self.frames.push(FrameRef { stamp, logged });
             }
@@ -190,6 +231,7 @@ impl ChannelScan {
             },
             Kind::Ping(_, decode) => {
                 let reading = decode(&value, dvl)?;
+                self.heights.extend(reading.height);
                 if let Some(remark) = reading.remark
                     && !self.remarks.contains(&remark)
                 {
@@ -198,6 +240,7 @@ impl ChannelScan {
                 if let Some(mut ping) = reading.ping {
                     ping.stamp = stamp;
                     self.pings.push((ping, logged));
+                    self.depths.extend(reading.pixels);
                 }
             }
         }

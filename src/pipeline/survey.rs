@@ -1,6 +1,9 @@
 //! Scan → survey: which camera, which range instrument, where all of it sits. Every refusal names what was found,
 //! what is needed, and the key or option that supplies it.
 
+mod checks;
+mod mounts;
+
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
@@ -9,13 +12,14 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Pings;
 use crate::image::Container;
-use crate::messages::{Edge, Kind};
+use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Camera, MountFacts, Rig, RigFile, StrobeMount};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
+use mounts::Mounts;
 
 /// What the user said about the log, beyond choices and rig.
 #[derive(Clone, Debug, Default)]
@@ -61,59 +65,6 @@ const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen
 /// A channel whose clock is this far from the camera's is not on the same clock [s].
 const CLOCK_TOLERANCE_S: f64 = 2.0;
 
-/// The TF tree of a log: edges by child.
-pub struct Mounts<'s> {
-    edges: BTreeMap<&'s str, (&'s str, &'s Edge)>,
-}
-
-impl<'s> Mounts<'s> {
-    /// The edges of `/tf_static`, the first of each child.
-    pub fn new(recording: &'s Recording, scan: &'s Scan) -> Self {
-        let mut edges = BTreeMap::new();
-        // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as it first stood.
-        for suffix in ["tf_static", "tf"] {
-            for (id, channel) in &scan.channels {
-                if edges.is_empty() || suffix == "tf_static" {
-                    let is_meant = recording.channels.get(id).is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));
-                    for edge in channel.edges.iter().filter(|_| is_meant) {
-                        edges.entry(edge.child.as_str()).or_insert((edge.parent.as_str(), edge));
-                    }
-                }
-            }
-        }
-        Self { edges }
-    }
-
-    /// Names of all frames.
-    pub fn frames(&self) -> Vec<&'s str> {
-        let mut names: Vec<&str> = self.edges.iter().flat_map(|(child, (parent, _))| [*child, *parent]).collect();
-        names.sort_unstable();
-        names.dedup();
-        names
-    }
-
-    /// The root above a frame, and root_from_frame; a tree that bites its tail ends the walk.
-    fn root(&self, frame: &str) -> (String, Isometry3<f64>) {
-        let (mut at, mut pose) = (frame, Isometry3::identity());
-        for _ in 0..=self.edges.len() {
-            let Some((parent, edge)) = self.edges.get(at) else { break };
-            pose = edge.pose * pose;
-            at = parent;
-        }
-        (at.into(), pose)
-    }
-
-    fn knows(&self, frame: &str) -> bool {
-        self.edges.iter().any(|(child, (parent, _))| *child == frame || *parent == frame)
-    }
-
-    /// root_from_frame, where the frame hangs below this root.
-    fn pose_below(&self, root: &str, frame: &str) -> Option<Isometry3<f64>> {
-        let (found, pose) = self.root(frame);
-        (found == root && (self.knows(frame) || frame == root)).then_some(pose)
-    }
-}
-
 /// One line per channel: topic, type, count.
 pub fn channel_list(recording: &Recording) -> String {
     let list: Vec<String> = recording
@@ -140,7 +91,8 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
     let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
-    let dvl_id = choose_ranges(recording, scan, selection, rig_file)?;
+    checks::depths_to_beams(recording, scan, &mut warnings);
+    let dvl_id = choose_ranges(recording, scan, selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()), rig_file)?;
     let dvl_topic = topic(recording, dvl_id);
 
     // Frames come in the order of the file: that is how both passes meet them.
@@ -149,6 +101,23 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     } else {
         frames_in_file_order(recording, scan, &camera_channels)
     };
+
+    let offset_s = checks::offset_s(rig_file, &camera_topic);
+    let mut frames = frames;
+    frames.iter_mut().for_each(|f| f.stamp = f.stamp.later(offset_s));
+    for (name, id) in [(&camera_topic, camera_channels.first().copied()), (&dvl_topic, Some(dvl_id))] {
+        let stamps: Vec<Stamp> = if name == &camera_topic {
+            frames.iter().map(|f| f.stamp).collect()
+        } else {
+            scan.channels.get(&dvl_id).map(|c| c.pings.iter().map(|(p, _)| p.stamp).collect()).unwrap_or_default()
+        };
+        let channel = id.and_then(|id| scan.channels.get(&id));
+        warnings.extend(channel.into_iter().flat_map(|c| checks::ranges(&c.pings)).map(|w| format!("{name}: {w}")));
+        warnings.extend(channel.into_iter().flat_map(|c| checks::clock(c, &stamps)).map(|w| format!("{name}: {w}")));
+    }
+    for unknown in rig_file.time_offset_s.keys().filter(|t| recording.channels.values().all(|c| c.topic != **t)) {
+        warnings.push(format!("rig file: time_offset_s names {unknown:?}, which the log does not have"));
+    }
 
     let mounts = Mounts::new(recording, scan);
     let body_from_optical: Transform<Body, Optical>;
@@ -180,21 +149,24 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         }
     };
     let strobe = strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut warnings)?;
-    let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, clock, config, &mut remarks);
+    let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, (clock, rig_file), config, &mut remarks);
 
     let mut pings = Vec::new();
     if let Some(channel) = scan.channels.get_mut(&dvl_id) {
         remarks.extend(channel.remarks.iter().map(|r| format!("{dvl_topic}: {r}")));
+        warnings.extend(checks::slant_or_vertical(&channel.heights).map(|w| format!("{dvl_topic}: {w}")));
         let trusted = on_camera_clock(channel.clock_offset_s, clock);
         if !trusted {
             warnings.push(format!("{dvl_topic}: its stamps are not on the camera's clock; the log's times are used"));
         }
+        let offset_s = checks::offset_s(rig_file, &dvl_topic);
         pings = std::mem::take(&mut channel.pings)
             .into_iter()
             .map(|(mut ping, logged)| {
                 if !trusted {
                     ping.stamp = shifted(logged, clock);
                 }
+                ping.stamp = ping.stamp.later(offset_s);
                 ping
             })
             .collect();
@@ -260,13 +232,25 @@ fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, rema
     }
     let seen = if topics.is_empty() { channel_list(recording) } else { topics.keys().cloned().collect::<Vec<_>>().join(", ") };
     if let Some(wanted) = &selection.camera {
-        return if topics.contains_key(wanted) {
+        return if let Some(codec) = scan.channels.iter().filter(|(id, _)| topic(recording, **id) == *wanted).find_map(|(_, c)| c.video.clone()) {
+            Err(Error::Video { topic: wanted.clone(), codec })
+        } else if topics.contains_key(wanted) {
             Ok(wanted.clone())
         } else {
             Err(Error::NoSuchTopic { what: "camera", topic: wanted.clone(), seen })
         };
     }
-    topics.retain(|_, frames| *frames > 0);
+    let video = |topic: &String| {
+        let of_topic = scan.channels.iter().filter(|(id, _)| recording.channels.get(id).is_some_and(|c| c.topic == *topic));
+        of_topic.filter_map(|(_, c)| c.video.clone()).next()
+    };
+    let videos: Vec<(String, String)> = topics.keys().filter_map(|t| Some((t.clone(), video(t)?))).collect();
+    topics.retain(|t, frames| *frames > 0 && videos.iter().all(|(v, _)| v != t));
+    if topics.is_empty()
+        && let Some((topic, codec)) = videos.into_iter().next()
+    {
+        return Err(Error::Video { topic, codec });
+    }
     let own: Vec<String> = topics.keys().filter(|t| t.contains("image_corrected") || t.starts_with("/unwater/")).cloned().collect();
     if own.len() < topics.len() {
         topics.retain(|t, _| !own.contains(t));
@@ -285,9 +269,9 @@ fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, rema
 }
 
 /// The range channel that tells most: beams before a single range before a bare altitude, and more answers before fewer.
-fn choose_ranges(recording: &Recording, scan: &Scan, selection: &Selection, rig_file: &RigFile) -> Result<u16> {
+fn choose_ranges(recording: &Recording, scan: &Scan, wanted: Option<&String>, rig_file: &RigFile) -> Result<u16> {
     let candidates = scan.decoders.iter().filter_map(|(id, d)| if let Kind::Ping(rank, _) = d.message_type.kind { Some((*id, rank)) } else { None });
-    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| selection.dvl.as_ref().is_none_or(|t| *t == topic(recording, *id))).collect();
+    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| wanted.is_none_or(|t| *t == topic(recording, *id))).collect();
     let score = |id: u16, rank: u8| {
         let (plane, beam, altitude) = scan.channels.get(&id).map_or((0, 0, 0), ChannelScan::ping_counts);
         let quality = if plane > 0 {
@@ -297,19 +281,21 @@ fn choose_ranges(recording: &Recording, scan: &Scan, selection: &Selection, rig_
         } else {
             usize::from(altitude > 0)
         };
+        // The altitude beside a DVL's beams freezes or means the mean range: an altimeter's is better.
+        let rank = if quality == 1 && rank == 0 { u8::MAX } else { rank };
         (quality, std::cmp::Reverse(rank), plane.max(beam).max(altitude), std::cmp::Reverse(id))
     };
     let best = candidates.iter().max_by_key(|(id, rank)| score(*id, *rank)).map(|(id, _)| *id);
     let answered = best.filter(|id| score(*id, 0).0 > 0);
-    match (answered, best, &selection.dvl) {
+    match (answered, best, wanted) {
         (Some(id), ..) => Ok(id),
         (None, Some(id), _) => {
             let complaint = scan.channels.get(&id).and_then(|c| c.unreadable.1.clone()).filter(|_| rig_file.dvl.beams.is_none());
             let topic = topic(recording, id);
-            Err(Error::Usage(complaint.map_or_else(
-                || format!("{topic} holds no valid range to the seafloor; another instrument can be named with --dvl TOPIC"),
-                |c| format!("{topic}: {c}"),
-            )))
+            Err(match complaint {
+                Some(complaint) => Error::Rig(format!("{topic}: {complaint}")),
+                None => Error::Usage(format!("{topic} holds no valid range to the seafloor; another instrument can be named with --dvl TOPIC")),
+            })
         }
         (None, None, Some(wanted)) => Err(Error::NoSuchTopic { what: "range instrument", topic: wanted.clone(), seen: channel_list(recording) }),
         (None, None, None) => Err(Error::NoRanges { seen: channel_list(recording) }),
@@ -326,17 +312,7 @@ fn calibration(
     warnings: &mut Vec<String>,
 ) -> Result<Camera> {
     let from_rig = rig_file.camera.calibration(picture).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
-    let mut infos: Vec<(usize, String, Camera)> = Vec::new();
-    for (id, channel) in &scan.channels {
-        if let Some(camera) = channel.camera {
-            let topic = topic(recording, *id);
-            let shared = topic.split('/').zip(camera_topic.split('/')).take_while(|(a, b)| a == b).count();
-            infos.push((shared, topic, camera));
-        }
-    }
-    infos.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
-    let fits = |camera: &Camera| picture.is_none_or(|(w, h)| camera.scaled_to(w, h).is_some());
-    let from_log = infos.iter().find(|(_, _, c)| fits(c)).map(|(_, _, c)| *c);
+    let from_log = checks::nearest_calibration(recording, scan, camera_topic, picture);
     if rig_file.camera.horizontal_field_of_view_deg.is_some() && rig_file.camera.fx.is_none() && from_rig.is_some() {
         warnings.push("the camera is known by its field of view alone: angles near the picture's edge are rough".into());
     }
@@ -344,7 +320,11 @@ fn calibration(
     if let Some((w, h)) = picture.filter(|(w, h)| (*w, *h) != (camera.width, camera.height)) {
         remarks.push(format!("the calibration is for {}×{}, the pictures are {w}×{h}; it is scaled", camera.width, camera.height));
     }
-    Ok(camera)
+    let in_water = rig_file.camera.in_water(camera);
+    if in_water != camera {
+        remarks.push(format!("the calibration was made in air; behind a flat port in water its focal length is {:.1} px", in_water.fx));
+    }
+    Ok(in_water)
 }
 
 fn dvl_mount(mounts: &Mounts<'_>, body_frame: &str, dvl_frame: &str, dvl_topic: &str, remarks: &mut Vec<String>) -> Option<Isometry3<f64>> {
@@ -416,7 +396,7 @@ fn attitude(
     scan: &Scan,
     mounts: &Mounts<'_>,
     body_frame: &str,
-    clock: Option<f64>,
+    (clock, rig_file): (Option<f64>, &RigFile),
     config: &Config,
     remarks: &mut Vec<String>,
 ) -> (Option<String>, AttitudeTrack) {
@@ -444,21 +424,25 @@ fn attitude(
         }
     };
     let trusted = on_camera_clock(channel.clock_offset_s, clock);
-    let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (if trusted { *stamp } else { shifted(*logged, clock) }, q * sensor_from_body));
+    let offset_s = checks::offset_s(rig_file, &name);
+    let at = |stamp: &Stamp, logged: &Stamp| if trusted { *stamp } else { shifted(*logged, clock) }.later(offset_s);
+    let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (at(stamp, logged), q * sensor_from_body));
     (Some(name), AttitudeTrack::new(samples.collect(), config.seafloor.max_attitude_gap_s))
 }
 
 /// The rig as a rig file, with what the user gave of the instrument: for `init` and for the output's attachment.
 pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
-    let mut file = RigFile { dvl: given.dvl.clone(), ..RigFile::default() };
-    file.camera.width = Some(rig.camera.width);
-    file.camera.height = Some(rig.camera.height);
-    file.camera.fx = Some(rig.camera.fx);
-    file.camera.fy = Some(rig.camera.fy);
-    file.camera.cx = Some(rig.camera.cx);
-    file.camera.cy = Some(rig.camera.cy);
-    file.camera.distortion_model = Some(rig.camera.distortion.name().into());
-    file.camera.distortion = Some(rig.camera.distortion.coefficients());
+    let mut file = RigFile { dvl: given.dvl.clone(), time_offset_s: given.time_offset_s.clone(), ..RigFile::default() };
+    let camera = rig.camera.as_calibrated();
+    file.camera.width = Some(camera.width);
+    file.camera.height = Some(camera.height);
+    file.camera.fx = Some(camera.fx);
+    file.camera.fy = Some(camera.fy);
+    file.camera.cx = Some(camera.cx);
+    file.camera.cy = Some(camera.cy);
+    file.camera.distortion_model = Some(camera.distortion.name().into());
+    file.camera.distortion = Some(camera.distortion.coefficients());
+    file.camera.medium = given.camera.medium;
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
     file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe.isometry()));

@@ -93,7 +93,8 @@ impl Output {
             .compression_level(1)
             .compression_threads(0) // the default follows the machine, and so would the bytes
             .chunk_size(Some(config.chunk_size_mib << 20))
-            .profile(profile)
+            // The profile ros1 promises that every channel is; ours are CDR.
+            .profile(if profile == "ros1" { "" } else { profile })
             .library(concat!("unwater ", env!("CARGO_PKG_VERSION")))
             .create(BufWriter::with_capacity(1 << 20, file));
         let mut output = Self { target: target.into(), temporary, writer: None, sequences: BTreeMap::new() };

@@ -2,8 +2,8 @@
 //!
 //! Pixel coordinates: the centre of the upper left pixel is (0, 0), as in ROS and OpenCV. Rays are unit
 //! vectors in optical space (x right, y down, z out of the lens). Distortion models as in
-//! `sensor_msgs/CameraInfo`: plumb_bob, rational_polynomial, equidistant. The lens's own light fall-off
-//! (Eq. 7) does not live here.
+//! `sensor_msgs/CameraInfo` (plumb_bob, rational_polynomial, equidistant) and Foxglove (fisheye62), each also as
+//! calibrated in air and used behind a flat port. The lens's own light fall-off (Eq. 7) does not live here.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -22,6 +22,38 @@ pub enum Distortion {
     RationalPolynomial([f64; 8]),
     /// Kannala-Brandt: k1 to k4 over the angle from the axis
     Equidistant([f64; 4]),
+    /// as equidistant, k0 to k3, and two tangential terms p0, p1
+    Fisheye62([f64; 6]),
+    /// calibrated in air, used in water behind a flat port: rays are refracted at the port (Snell), then see the lens
+    FlatPort {
+        /// of the water
+        refractive_index: f64,
+        /// the lens in air
+        model: LensModel,
+        /// its coefficients, in the model's order
+        coefficients: [f64; 8],
+    },
+}
+
+/// A lens model's name, for [`Distortion::FlatPort`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LensModel {
+    /// a pinhole
+    None,
+    /// see [`Distortion::PlumbBob`]
+    PlumbBob,
+    /// see [`Distortion::RationalPolynomial`]
+    RationalPolynomial,
+    /// see [`Distortion::Equidistant`]
+    Equidistant,
+    /// see [`Distortion::Fisheye62`]
+    Fisheye62,
+}
+
+/// The first coefficients; missing ones are 0.
+fn padded<const N: usize>(d: &[f64]) -> [f64; N] {
+    std::array::from_fn(|i| d.get(i).copied().unwrap_or(0.0))
 }
 
 impl Distortion {
@@ -30,10 +62,7 @@ impl Distortion {
     /// # Errors
     /// The name of a model that is not known.
     pub fn named(model: &str, d: &[f64]) -> Result<Self, String> {
-        fn padded<const N: usize>(d: &[f64]) -> [f64; N] {
-            std::array::from_fn(|i| d.get(i).copied().unwrap_or(0.0))
-        }
-        if d.iter().all(|v| *v == 0.0) && !matches!(model, "equidistant" | "fisheye" | "kannala_brandt") {
+        if d.iter().all(|v| *v == 0.0) && !matches!(model, "equidistant" | "fisheye" | "kannala_brandt" | "fisheye62") {
             return Ok(Self::None);
         }
         match model {
@@ -41,6 +70,8 @@ impl Distortion {
             "plumb_bob" | "radtan" if d.len() <= 5 => Ok(Self::PlumbBob(padded(d))),
             "rational_polynomial" | "plumb_bob" | "radtan" => Ok(Self::RationalPolynomial(padded(d))),
             "equidistant" | "fisheye" | "kannala_brandt" => Ok(Self::Equidistant(padded(d))),
+            // A seventh number, the largest angle, cuts nothing that a calibrated picture has.
+            "fisheye62" => Ok(Self::Fisheye62(padded(d))),
             other => Err(other.into()),
         }
     }
@@ -51,6 +82,8 @@ impl Distortion {
             Self::None | Self::PlumbBob(_) => "plumb_bob",
             Self::RationalPolynomial(_) => "rational_polynomial",
             Self::Equidistant(_) => "equidistant",
+            Self::Fisheye62(_) => "fisheye62",
+            Self::FlatPort { .. } => self.in_air().name(),
         }
     }
 
@@ -61,7 +94,34 @@ impl Distortion {
             Self::PlumbBob(d) => d.to_vec(),
             Self::RationalPolynomial(d) => d.to_vec(),
             Self::Equidistant(d) => d.to_vec(),
+            Self::Fisheye62(d) => d.to_vec(),
+            Self::FlatPort { .. } => self.in_air().coefficients(),
         }
+    }
+
+    /// The lens without the water before its port; itself where there is no port to speak of.
+    pub fn in_air(&self) -> Self {
+        let Self::FlatPort { model, coefficients: d, .. } = self else { return *self };
+        match model {
+            LensModel::None => Self::None,
+            LensModel::PlumbBob => Self::PlumbBob(padded(d)),
+            LensModel::RationalPolynomial => Self::RationalPolynomial(padded(d)),
+            LensModel::Equidistant => Self::Equidistant(padded(d)),
+            LensModel::Fisheye62 => Self::Fisheye62(padded(d)),
+        }
+    }
+
+    /// A lens calibrated in air, behind a flat port in water.
+    fn behind_flat_port(&self, refractive_index: f64) -> Self {
+        let air = self.in_air();
+        let model = match air {
+            Self::PlumbBob(_) => LensModel::PlumbBob,
+            Self::RationalPolynomial(_) => LensModel::RationalPolynomial,
+            Self::Equidistant(_) => LensModel::Equidistant,
+            Self::Fisheye62(_) => LensModel::Fisheye62,
+            Self::None | Self::FlatPort { .. } => LensModel::None,
+        };
+        Self::FlatPort { refractive_index, model, coefficients: padded(&air.coefficients()) }
     }
 
     /// Undistorted image-plane coordinates → distorted ones (both x/z, y/z).
@@ -87,7 +147,63 @@ impl Distortion {
                 let scale = a * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4)))) / r;
                 (x * scale, y * scale)
             }
+            Self::Fisheye62([k0, k1, k2, k3, p0, p1]) => {
+                let (x, y) = Self::Equidistant([*k0, *k1, *k2, *k3]).distort(x, y);
+                let (r2, dot) = (x * x + y * y, x * p0 + y * p1);
+                (x + 2.0 * x * dot + p0 * r2, y + 2.0 * y * dot + p1 * r2)
+            }
+            Self::FlatPort { refractive_index: n, .. } => {
+                // Snell: sin in air = n · sin in water. Image-plane coordinates in water are scaled by n, so that the
+                // focal length is the one in water.
+                let sin_in_air = n * (r2 / (1.0 + r2)).sqrt();
+                let tan_in_air = sin_in_air / (1.0 - sin_in_air * sin_in_air).sqrt(); // NaN beyond total reflection
+                let scale = if r2 > 1e-18 { tan_in_air / r2.sqrt() } else { *n };
+                let (x, y) = self.in_air().distort(x * scale, y * scale);
+                (x / n, y / n)
+            }
         }
+    }
+}
+
+/// A calibration as messages give it: of the whole sensor, and of the pictures that its region of interest and binning leave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// the whole sensor
+    pub full: Camera,
+    /// what comes off it
+    pub cropped: Camera,
+}
+
+impl Calibration {
+    /// A calibration whose pictures are the whole sensor, less a region of interest at an offset [px of the full sensor] of
+    /// this size (0: all of it), then binned.
+    pub fn new(full: Camera, offset: (usize, usize), size: (usize, usize), binning: (usize, usize)) -> Self {
+        let or = |size: usize, all: usize| if size == 0 { all } else { size };
+        let (width, height) = (or(size.0, full.width), or(size.1, full.height));
+        let (bx, by) = (binning.0.max(1), binning.1.max(1));
+        let inside = offset.0.saturating_add(width) <= full.width && offset.1.saturating_add(height) <= full.height;
+        if !inside || width < bx || height < by {
+            return Self { full, cropped: full };
+        }
+        let centre = |c: f64, offset: usize, bin: usize| (c + 0.5 - offset as f64) / bin as f64 - 0.5;
+        let cropped = Camera {
+            width: width / bx,
+            height: height / by,
+            fx: full.fx / bx as f64,
+            fy: full.fy / by as f64,
+            cx: centre(full.cx, offset.0, bx),
+            cy: centre(full.cy, offset.1, by),
+            distortion: full.distortion,
+        };
+        Self { full, cropped }
+    }
+
+    /// The camera for pictures of this size; `None` where their shape is another. Drivers that say they bin or crop, and
+    /// do not, are told by the size of what they send.
+    pub fn for_picture(&self, picture: Option<(usize, usize)>) -> Option<Camera> {
+        let Some((width, height)) = picture else { return Some(self.cropped) };
+        let of_size = [self.cropped, self.full].into_iter().find(|c| (c.width, c.height) == (width, height));
+        of_size.or_else(|| [self.cropped, self.full].into_iter().find(|c| c.scaled_to(width, height).is_some()))
     }
 }
 
@@ -134,6 +250,22 @@ impl Camera {
         })
     }
 
+    /// A camera calibrated in air, in water behind a flat port: the port's thickness is left out, and the port square to the axis.
+    pub fn behind_flat_port(&self, refractive_index: f64) -> Self {
+        let distortion = self.distortion.behind_flat_port(refractive_index);
+        Self { fx: self.fx * refractive_index, fy: self.fy * refractive_index, distortion, ..*self }
+    }
+
+    /// The camera as it was calibrated: in air, where [`Self::behind_flat_port`] made this one.
+    pub fn as_calibrated(&self) -> Self {
+        match self.distortion {
+            Distortion::FlatPort { refractive_index: n, .. } => {
+                Self { fx: self.fx / n, fy: self.fy / n, distortion: self.distortion.in_air(), ..*self }
+            }
+            _ => *self,
+        }
+    }
+
     /// The same camera without distortion: what a rectified picture was taken with.
     pub fn rectified(&self) -> Self {
         Self { distortion: Distortion::None, ..*self }
@@ -149,7 +281,7 @@ impl Camera {
         }
         let (mut x, mut y) = match self.distortion {
             // A wide equidistant lens is far from a pinhole: begin at the angle itself.
-            Distortion::Equidistant(_) => {
+            Distortion::Equidistant(_) | Distortion::Fisheye62(_) => {
                 let r = xd.hypot(yd);
                 let scale = if r > 1e-9 { r.min(1.5).tan() / r } else { 1.0 };
                 (xd * scale, yd * scale)
@@ -205,6 +337,9 @@ mod tests {
             Distortion::PlumbBob([-0.25, 0.07, 0.0005, 0.0003, 0.0]),
             Distortion::RationalPolynomial([0.4, 0.1, 0.001, 0.001, 0.01, 0.2, 0.02, 0.001]),
             Distortion::Equidistant([0.02, -0.01, 0.003, 0.0]),
+            Distortion::Fisheye62([0.02, -0.01, 0.003, 0.0, 0.001, -0.002]),
+            Distortion::PlumbBob([-0.25, 0.07, 0.0005, 0.0003, 0.0]).behind_flat_port(1.33),
+            Distortion::Equidistant([0.02, -0.01, 0.003, 0.0]).behind_flat_port(1.33),
         ];
         for distortion in models {
             let camera = Camera { width: 1360, height: 1024, fx: 1100.0, fy: 1090.0, cx: 690.0, cy: 500.0, distortion };
@@ -216,6 +351,29 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_flat_port_refracts() {
+        let air = Camera::from_field_of_view(1360, 1024, 70.0);
+        let water = air.behind_flat_port(1.33);
+        let back = water.as_calibrated();
+        assert!((water.fx / air.fx - 1.33).abs() < 1e-12 && (back.fx - air.fx).abs() < 1e-9 && back.distortion == air.distortion);
+        let angle = |c: &Camera| c.ray(1300.0, c.cy).map(|r| r.vector().x).expect("a ray");
+        assert!((angle(&air) / angle(&water) - 1.33).abs() < 1e-9, "sines are as the refractive index");
+    }
+
+    #[test]
+    fn binning_and_region_of_interest() {
+        let full = Camera::from_field_of_view(1920, 1200, 60.0);
+        let calibration = Calibration::new(full, (320, 200), (1280, 800), (2, 2));
+        let half = calibration.cropped;
+        assert_eq!((half.width, half.height), (640, 400));
+        // The same place on the sensor, the middle of four pixels, by either camera.
+        let (a, b) = (full.ray(320.0 + 100.5, 200.0 + 60.5), half.ray(50.0, 30.0));
+        assert!((a.expect("a ray").vector() - b.expect("a ray").vector()).norm() < 1e-12);
+        assert_eq!(calibration.for_picture(Some((1920, 1200))), Some(full), "a driver that does not crop");
+        assert_eq!(calibration.for_picture(Some((640, 640))), None);
     }
 
     #[test]

@@ -9,6 +9,6 @@ mod ping;
 mod rig;
 
 pub use attitude::AttitudeTrack;
-pub use camera::{Camera, Distortion};
-pub use ping::{Beam, JanusArray, Ping};
-pub use rig::{CameraFacts, DvlFacts, MountFacts, Rig, RigFile, StrobeMount};
+pub use camera::{Calibration, Camera, Distortion, LensModel};
+pub use ping::{Beam, JanusArray, Ping, RangeKind};
+pub use rig::{CameraFacts, DvlFacts, Medium, MountFacts, Rig, RigFile, StrobeMount};

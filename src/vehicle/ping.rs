@@ -3,6 +3,8 @@
 //! In: nothing but numbers already freed of "no return" markers. Out: *direction × slant range = point on
 //! the seafloor*, in the instrument's space (z along its boresight). An altimeter is an instrument with one beam.
 
+use serde::{Deserialize, Serialize};
+
 use crate::spaces::{Direction, Dvl};
 use crate::units::{Altitude, SlantRange, Stamp};
 
@@ -33,6 +35,18 @@ impl Ping {
     }
 }
 
+/// What the ranges in a message are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RangeKind {
+    /// along the beams
+    Slant,
+    /// along the instrument's axis: slant × cos of the beam's angle
+    Vertical,
+    /// no beams: one height over the seafloor
+    Altitude,
+}
+
 /// Beams at one angle around the boresight: x forward, y right, z down the axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JanusArray {
@@ -44,13 +58,15 @@ pub struct JanusArray {
 
 impl JanusArray {
     /// Known instruments, by the name used in `rig.toml`. Sources: the makers' manuals.
-    pub const KNOWN: &[(&str, f64, [f64; 4])] = &[
-        ("waterlinked-a50", 22.5, [135.0, -135.0, -45.0, 45.0]),
-        ("waterlinked-a125", 22.5, [135.0, -135.0, -45.0, 45.0]),
-        ("teledyne-30-x", 30.0, [-135.0, 45.0, 135.0, -45.0]),
-        ("teledyne-30-plus", 30.0, [180.0, 0.0, 90.0, -90.0]),
-        ("nortek-25", 25.0, [45.0, -45.0, -135.0, 135.0]),
-        ("linkquest-22", 22.0, [45.0, -45.0, -135.0, 135.0]),
+    pub const KNOWN: &[(&str, f64, &[f64])] = &[
+        ("waterlinked-a50", 22.5, &[135.0, -135.0, -45.0, 45.0]),
+        ("waterlinked-a125", 22.5, &[135.0, -135.0, -45.0, 45.0]),
+        ("teledyne-30-x", 30.0, &[-135.0, 45.0, 135.0, -45.0]),
+        ("teledyne-30-plus", 30.0, &[180.0, 0.0, 90.0, -90.0]),
+        ("nortek-25", 25.0, &[45.0, -45.0, -135.0, 135.0]),
+        ("linkquest-22", 22.0, &[45.0, -45.0, -135.0, 135.0]),
+        // Three beams; the maker's manual is silent on their azimuths, so these are a guess.
+        ("nortek-nucleus", 20.0, &[0.0, 120.0, -120.0]),
     ];
 
     /// The instrument called `name`.

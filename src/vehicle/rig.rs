@@ -4,9 +4,11 @@
 //! in one common body space. No public recording holds a strobe's pose; without one the light is taken to
 //! sit at the camera, and the report says so.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use super::Camera;
+use super::{Camera, RangeKind};
 use crate::spaces::{Body, Dvl, Optical, Point, Strobe, Transform};
 
 /// Everything geometry needs to know of the vehicle.
@@ -75,6 +77,19 @@ impl MountFacts {
     }
 }
 
+/// What a camera was calibrated in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Medium {
+    /// air; used in water behind a flat port
+    Air,
+    /// water, with the port it dives with; also a dome port, which keeps the angles
+    Water,
+}
+
+/// Of water over air; sea water is 0.5 % above.
+const REFRACTIVE_INDEX: f64 = 1.33;
+
 /// The camera's part of a rig file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -91,12 +106,15 @@ pub struct CameraFacts {
     pub cx: Option<f64>,
     /// principal point [px]
     pub cy: Option<f64>,
-    /// plumb_bob, rational_polynomial or equidistant
+    /// plumb_bob, rational_polynomial, equidistant or fisheye62
     pub distortion_model: Option<String>,
     /// its coefficients, in ROS order
     pub distortion: Option<Vec<f64>>,
-    /// horizontal field of view in water, where nothing better is known [deg]
+    /// horizontal field of view, where nothing better is known [deg]
     pub horizontal_field_of_view_deg: Option<f64>,
+    /// what the calibration was made in, the log's too; water where absent. Of air a flat port is assumed
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub medium: Option<Medium>,
     /// where the camera sits
     pub mount: Option<MountFacts>,
 }
@@ -113,6 +131,22 @@ pub struct DvlFacts {
     pub azimuths_deg: Option<Vec<f64>>,
     /// true speed of sound over the one the instrument was set to
     pub sound_speed_ratio: Option<f64>,
+    /// what the ranges are, against what the message's type says
+    pub ranges: Option<RangeKind>,
+    /// ranges at or below this are none [m]
+    pub min_range_m: Option<f64>,
+    /// ranges at or above this are none [m]: simulators write their limit for a lost beam
+    pub max_range_m: Option<f64>,
+    /// numbers in the message that mean "no return", as they are written there
+    pub bad_values: Option<Vec<f64>>,
+    /// the range channel; `--dvl` wins
+    pub topic: Option<String>,
+    /// where the ranges are in a message of no known shape: `report.ranges`, `beams.depth`
+    pub path: Option<String>,
+    /// where the flags of their validity are
+    pub valid_path: Option<String>,
+    /// metres per unit of the numbers at `path` (0.001 for millimetres)
+    pub unit_m: Option<f64>,
     /// where the instrument sits
     pub mount: Option<MountFacts>,
 }
@@ -138,9 +172,17 @@ pub struct RigFile {
     /// the light
     #[serde(default)]
     pub strobe: StrobeFacts,
+    /// seconds to add to the stamps of a topic, where its clock is known to be off [s]
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub time_offset_s: BTreeMap<String, f64>,
 }
 
 impl CameraFacts {
+    /// A calibration as it holds in water.
+    pub fn in_water(&self, camera: Camera) -> Camera {
+        if self.medium == Some(Medium::Air) { camera.behind_flat_port(REFRACTIVE_INDEX) } else { camera }
+    }
+
     /// The calibration the file gives, if it gives one, for pictures of this size.
     ///
     /// # Errors
@@ -153,7 +195,7 @@ impl CameraFacts {
         };
         let centre = |n: usize| (n as f64 - 1.0) / 2.0;
         let distortion = Distortion::named(self.distortion_model.as_deref().unwrap_or("plumb_bob"), self.distortion.as_deref().unwrap_or(&[]))
-            .map_err(|model| format!("camera.distortion_model = {model:?} is not one of plumb_bob, rational_polynomial, equidistant"))?;
+            .map_err(|model| format!("camera.distortion_model = {model:?} is not one of plumb_bob, rational_polynomial, equidistant, fisheye62"))?;
         Ok(match (self.fx, self.horizontal_field_of_view_deg) {
             (Some(fx), _) => Some(Camera {
                 width,

@@ -1,0 +1,63 @@
+//! Stamp and frame of any message, wherever its family writes them.
+
+use super::value::Value;
+use crate::units::Stamp;
+
+/// Stamp and frame id of a message.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Heading {
+    /// the header's own time; `None` where the message has none or it is 0
+    pub stamp: Option<Stamp>,
+    /// the TF frame it is given in, without a leading slash
+    pub frame_id: String,
+}
+
+/// Where times are: ROS, Foxglove and Blueye, Gazebo, bare, the Nucleus driver, WHOI.
+const STAMPS: &[&str] = &["header.stamp", "timestamp", "stamp", "header.timestamp", "system_timestamp", "ds_header.io_time"];
+
+/// Stamp and frame of any message with a header.
+pub fn heading(value: &Value<'_>) -> Heading {
+    let frame_id = value.text("header.frame_id").or_else(|| value.text("frame_id")).or_else(|| gazebo_frame(value)).unwrap_or("");
+    Heading { stamp: STAMPS.iter().find_map(|path| stamp(value.get(path)?)), frame_id: frame_id.trim_start_matches('/').into() }
+}
+
+/// The frame whose attitude an attitude message gives: an odometry's child, else the header's.
+pub fn attitude_frame(value: &Value<'_>) -> String {
+    value.text("child_frame_id").map_or_else(|| heading(value).frame_id, |s| s.trim_start_matches('/').into())
+}
+
+fn stamp(time: &Value<'_>) -> Option<Stamp> {
+    let nanos = match time {
+        Value::Record(_) => {
+            let seconds = ["sec", "secs", "seconds"].iter().find_map(|f| time.integer(f))?;
+            let nanos = ["nanosec", "nsec", "nsecs", "nanos", "nanoseconds"].iter().find_map(|f| time.integer(f)).unwrap_or(0);
+            Stamp::from_sec_nanos(seconds, nanos).0
+        }
+        // A bare number: its size says in which unit it counts since 1970.
+        Value::Int(v) => match v.checked_ilog10().unwrap_or(0) {
+            17.. => *v,
+            14..17 => v.saturating_mul(1_000),
+            11..14 => v.saturating_mul(1_000_000),
+            8..11 => v.saturating_mul(1_000_000_000),
+            _ => 0,
+        },
+        // protobuf's JSON
+        Value::Text(v) => {
+            let since = humantime::parse_rfc3339(v).ok()?.duration_since(std::time::UNIX_EPOCH).ok()?;
+            i64::try_from(since.as_nanos()).ok()?
+        }
+        Value::Float(v) if (1e8..1e11).contains(v) => (v * 1e9) as i64,
+        _ => 0,
+    };
+    (nanos > 0).then_some(Stamp(nanos))
+}
+
+/// `gz.msgs.Header` has its frame in a list of pairs.
+fn gazebo_frame<'v>(value: &'v Value<'_>) -> Option<&'v str> {
+    let pairs = value.list("header.data")?;
+    let pair = pairs.iter().find(|p| p.text("key") == Some("frame_id"))?;
+    match pair.list("value")?.first()? {
+        Value::Text(frame) => Some(frame),
+        _ => None,
+    }
+}

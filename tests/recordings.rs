@@ -1,0 +1,236 @@
+//! The recordings that people have: one dive in every encoding, video, clocks, and bytes that make no sense.
+#![allow(clippy::unwrap_used)]
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use support::render::Dive;
+use support::transcode::{Encoding, transcode};
+use unwater::config::Config;
+use unwater::image::decode::{Light, decode};
+use unwater::messages::{Decoder, Kind, heading};
+use unwater::pipeline::{Options, Silent, correct, estimate_logs, prepare, scan::scan};
+use unwater::recording::{Entry, Message, Recording, Window};
+use unwater::vehicle::{DvlFacts, RigFile};
+
+const SAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/messages");
+
+#[test]
+fn the_same_dive_in_every_encoding_gives_the_same_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let cdr = folder.path().join("cdr.mcap");
+    Dive { frames: 14, width: 288, height: 216, focal_px: 340.0, ..Dive::default() }.write(&cdr);
+    let model = |path: &Path| {
+        let (mut model, _) = estimate_logs(&[path], &Options::default(), &Silent).unwrap();
+        model.inputs.clear();
+        serde_json::to_string(&model).unwrap()
+    };
+    let corrected = |path: &Path| {
+        let out = path.with_extension("corrected.mcap");
+        correct(path, &out, None, &Options::default(), &Silent).unwrap();
+        let recording = Recording::open(&out).unwrap();
+        assert!(recording.is_complete && (recording.profile == "ros2" || recording.profile.is_empty()), "{}", recording.profile);
+        let of_ours = |m: &Message| recording.channels[&m.channel].topic.contains("image_corrected");
+        let messages = recording.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m) } else { None });
+        messages.filter(of_ours).map(|m| m.data().to_vec()).collect::<Vec<_>>()
+    };
+    let truth = model(&cdr);
+    let pictures = corrected(&cdr);
+    assert_eq!(pictures.len(), 14);
+    for encoding in [Encoding::Ros1, Encoding::Protobuf, Encoding::Json] {
+        let path = folder.path().join(format!("{encoding:?}.mcap"));
+        transcode(&cdr, &path, encoding);
+        assert!(model(&path) == truth, "{encoding:?}: another model");
+        assert!(corrected(&path) == pictures, "{encoding:?}: other pictures");
+    }
+}
+
+#[test]
+fn video_is_refused_with_the_remedy() {
+    for log in ["foxglove_compressed_video", "ffmpeg_packet"] {
+        let path = Path::new(SAMPLES).join(format!("{log}.mcap"));
+        let error = prepare(&path, &Options::default()).err().expect("refused").to_string();
+        assert!(error.contains("video") && error.contains("video_to_pictures.py"), "{log}: {error}");
+    }
+}
+
+#[test]
+fn a_topics_offset_moves_its_pings_and_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dive.mcap");
+    Dive { frames: 3, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&path);
+    let plain = prepare(&path, &Options::default()).unwrap().survey;
+    let mut rig = RigFile::default();
+    rig.time_offset_s.insert(plain.dvl_topic.clone(), 0.25);
+    rig.time_offset_s.insert(plain.camera_topic.clone(), -0.5);
+    rig.time_offset_s.insert("/nowhere".into(), 1.0);
+    let moved = prepare(&path, &Options { rig, ..Options::default() }).unwrap().survey;
+    for (a, b) in plain.pings.all().iter().zip(moved.pings.all()) {
+        assert_eq!(b.stamp.0 - a.stamp.0, 250_000_000);
+    }
+    for (a, b) in plain.frames.iter().zip(&moved.frames) {
+        assert_eq!(b.stamp.0 - a.stamp.0, -500_000_000);
+    }
+    assert!(moved.warnings.iter().any(|w| w.contains("/nowhere")), "{:?}", moved.warnings);
+}
+
+#[test]
+fn a_calibration_in_air_is_refracted_and_survives_its_own_rig_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dive.mcap");
+    Dive { frames: 3, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&path);
+    let plain = prepare(&path, &Options::default()).unwrap().survey.rig.camera;
+    let rig: RigFile = toml::from_str("[camera]\nmedium = \"air\"").unwrap();
+    let options = Options { rig: rig.clone(), config: Config::default(), ..Options::default() };
+    let survey = prepare(&path, &options).unwrap().survey;
+    assert!((survey.rig.camera.fx / plain.fx - 1.33).abs() < 1e-9 && survey.remarks.iter().any(|r| r.contains("in air")));
+    let written = unwater::pipeline::survey::rig_facts(&survey.rig, &rig);
+    let again: RigFile = toml::from_str(&toml::to_string(&written).unwrap()).unwrap();
+    let again = prepare(&path, &Options { rig: again, ..Options::default() }).unwrap().survey.rig.camera;
+    assert!((again.fx - survey.rig.camera.fx).abs() < 1e-9 && again.distortion == survey.rig.camera.distortion);
+}
+
+// ---- bytes that make no sense
+
+/// Marsaglia's xorshift: the same damage in every run.
+struct Dice(u64);
+
+impl Dice {
+    fn below(&mut self, n: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 % n.max(1) as u64) as usize
+    }
+
+    /// One flip, cut, stretch of zeros or repetition.
+    fn damage(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut out = bytes.to_vec();
+        if out.is_empty() {
+            return vec![0; self.below(9)];
+        }
+        let (at, length) = (self.below(out.len()), 1 + self.below(16));
+        let end = (at + length).min(out.len());
+        match self.below(5) {
+            0 => out[at] ^= 1 << self.below(8),
+            1 => out.truncate(at),
+            2 => out[at..end].fill(0),
+            3 => out[at..end].fill(0xff),
+            _ => {
+                let again = out[at..end].to_vec();
+                out.splice(at..at, again);
+            }
+        }
+        out
+    }
+}
+
+/// How many times the usual damage is done: UNWATER_FUZZ=100 for a long run.
+fn factor() -> usize {
+    std::env::var("UNWATER_FUZZ").ok().and_then(|f| f.parse().ok()).unwrap_or(1)
+}
+
+/// Everything that is done with a message; whatever comes out, it comes out.
+fn exercise(decoder: &Decoder, data: &[u8]) {
+    let Ok(value) = decoder.read(data) else { return };
+    let _heading = heading(&value);
+    match decoder.message_type.kind {
+        Kind::Picture(read) => {
+            if let Ok(picture) = read(&value)
+                && let Ok(decoded) = decode(&picture, Light::default())
+            {
+                let _bands = decoded.image.into_bands();
+            }
+        }
+        Kind::CameraInfo(read) => {
+            if let Ok(Some(calibration)) = read(&value) {
+                let _ray = calibration.cropped.ray(1.0, 1.0);
+            }
+        }
+        Kind::Transforms(read) => drop(read(&value)),
+        Kind::Attitude(read) => drop(read(&value)),
+        Kind::Ping(_, read) => {
+            for facts in [DvlFacts::default(), DvlFacts { beams: Some("waterlinked-a50".into()), ..DvlFacts::default() }] {
+                drop(read(&value, &facts));
+            }
+        }
+    }
+}
+
+fn samples() -> Vec<PathBuf> {
+    let mut logs: Vec<PathBuf> =
+        std::fs::read_dir(SAMPLES).unwrap().map(|f| f.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "mcap")).collect();
+    logs.sort();
+    logs
+}
+
+#[test]
+fn damaged_messages_and_schemas_are_sentences_and_never_panics() {
+    let mut dice = Dice(0x9e37_79b9_7f4a_7c15);
+    let mut places = 0;
+    for log in samples() {
+        let recording = Recording::open(&log).unwrap();
+        let messages: Vec<Message> = recording.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m) } else { None }).collect();
+        let channel = &recording.channels[&messages[0].channel];
+        let of_schema = |data: Option<&[u8]>| match (recording.schemas.get(&channel.schema_id), data) {
+            (Some(s), data) => Decoder::for_channel(&channel.topic, &channel.message_encoding, &s.name, &s.encoding, data.unwrap_or(&s.data)),
+            (None, data) => Decoder::for_json(&channel.topic, data.unwrap_or(messages[0].data())),
+        };
+        let decoder = of_schema(None).unwrap();
+        for round in 0..80 * factor() {
+            let message = &messages[round % messages.len()];
+            if let Some(decoder) = &decoder {
+                exercise(decoder, &dice.damage(message.data()));
+            }
+            let schema = recording.schemas.get(&channel.schema_id).map_or(message.data(), |s| &s.data);
+            if let Ok(Some(mut decoder)) = of_schema(Some(&dice.damage(schema))) {
+                decoder.settle(&channel.topic, message.data());
+                exercise(&decoder, message.data());
+            }
+            places += 2;
+        }
+    }
+    assert!(places >= 5000, "{places} places");
+    ensure_memory_is_bounded();
+}
+
+#[test]
+fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged.mcap");
+    let mut dice = Dice(0x2545_f491_4f6c_dd1d);
+    let mut places = 0;
+    for log in samples() {
+        let bytes = std::fs::read(&log).unwrap();
+        let whole = Recording::open(&log).unwrap();
+        let payloads: Vec<Vec<u8>> =
+            whole.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m.data().to_vec()) } else { None }).collect();
+        for _ in 0..60 * factor() {
+            let damaged = dice.damage(&bytes);
+            std::fs::write(&path, &damaged).unwrap();
+            places += 1;
+            let Ok(recording) = Recording::open(&path) else { continue };
+            let _scan = scan(&recording, Window::ALL, &DvlFacts::default());
+            for entry in recording.messages(Window::ALL) {
+                if let Entry::Message(m) = entry {
+                    // A flipped opcode can make a message of another record. Outside of a chunk there is no checksum to tell;
+                    // all that was written here lies in compressed chunks.
+                    let outside = || damaged.windows(m.data().len().max(1)).any(|w| w == m.data());
+                    let written = payloads.iter().any(|p| p == m.data());
+                    assert!(written || outside(), "{}: a message that was never written", log.display());
+                }
+            }
+        }
+    }
+    assert!(places >= 5000, "{places} places");
+    ensure_memory_is_bounded();
+}
+
+/// Where the system tells: the most memory that this process has ever had.
+fn ensure_memory_is_bounded() {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return };
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or("0 kB");
+    let kilobytes: u64 = line.trim().trim_end_matches(" kB").trim().parse().unwrap();
+    assert!(kilobytes < 1 << 20, "{kilobytes} kB were in use at once");
+}
