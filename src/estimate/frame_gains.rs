@@ -9,18 +9,20 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::candidates::by_joint_solve;
+use super::joint::Problem;
 use super::samples::FrameSamples;
 use super::tracks::Track;
 use super::{Samples, robust};
-use crate::config::{EstimateConfig, Spreading};
-use crate::model::{ImagingModel, Nodes};
+use crate::config::EstimateConfig;
+use crate::model::{ImagingModel, Nodes, SpreadingModel};
 
 /// A frame stands out where its log gain differs from its neighbours' by this [log light], and by so many spreads.
 const STANDS_OUT: f64 = 0.15;
 const SPREADS: f64 = 6.0;
 /// Neighbours on either side that a frame is compared with.
 const NEIGHBOURS: usize = 4;
+/// Reweightings of the solve that gains are seen against.
+const ROUNDS: usize = 6;
 /// Weight that holds a gain to 0, in observations.
 const HOLD: f64 = 1.0;
 
@@ -28,16 +30,16 @@ const HOLD: f64 = 1.0;
 ///
 /// Where frames do not overlap there is no telling, and all are 0.
 pub fn uneven_light(samples: &Samples<'_>, config: &EstimateConfig) -> Vec<f64> {
-    let none = vec![0.0; samples.frames.len()];
-    let quick = EstimateConfig {
-        rounds: 6,
-        spreading: if config.spreading == Spreading::Fit { Spreading::Strobe } else { config.spreading },
-        ..config.clone()
+    let model = || {
+        let spreading = SpreadingModel::of(config.spreading);
+        let setting = samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config);
+        let mut problem = Problem::new(samples.tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))?;
+        let solution = problem.solve(ROUNDS)?;
+        let said = problem.said(&solution);
+        Some(samples.model(said.attenuation_per_m, spreading, said.beam, config))
     };
-    match by_joint_solve(samples, Nodes::new(config.beam_nodes, config.beam_limit_deg), &quick) {
-        Ok(candidate) => frame_gains(samples, &candidate.model),
-        Err(_) => none,
-    }
+    let enough = samples.tracks.len() >= config.least_pairs;
+    enough.then(model).flatten().map_or_else(|| vec![0.0; samples.frames.len()], |model| frame_gains(samples, &model))
 }
 
 /// Takes gains out of the samples, so that all frames are lit alike.

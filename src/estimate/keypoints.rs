@@ -45,16 +45,27 @@ impl Plane {
     }
 }
 
+/// An extremum, before anything is said of what it looks like.
+struct Extremum {
+    octave: usize,
+    level: usize,
+    /// place in its octave [px]
+    u: f32,
+    v: f32,
+    sigma: f32,
+    response: f32,
+}
+
 /// Finds at most `config.keypoints_per_frame` keypoints, strongest first, spread over the picture.
 pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> {
     let (base, reduction) = log_light(image, config.detection_side_px);
     let shift = if image.mosaic.is_some() { 0.5 } else { 0.0 };
-    let mut octave = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt());
+    let mut next = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt());
     let mut found = Vec::new();
-    let mut halvings = 1.0; // pixels of the reduced picture per pixel of this octave
-    while octave.width.min(octave.height) > 4 * BORDER {
+    let mut octaves: Vec<Vec<Plane>> = Vec::new();
+    while next.width.min(next.height) > 4 * BORDER {
         let ratio = 2f32.powf(1.0 / SCALES as f32);
-        let mut levels = vec![octave];
+        let mut levels = vec![next];
         for k in 1..SCALES + 3 {
             let sigma = SIGMA * ratio.powi(k as i32 - 1) * (ratio * ratio - 1.0).sqrt();
             levels.push(blurred(&levels[k - 1], sigma));
@@ -63,17 +74,23 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
             .windows(2)
             .map(|w| Plane { width: w[0].width, height: w[0].height, data: w[1].data.iter().zip(&w[0].data).map(|(b, a)| b - a).collect() })
             .collect();
-        let first = found.len();
-        extrema(&differences, &levels, config.contrast_threshold as f32, &mut found);
-        for k in &mut found[first..] {
-            // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0 becomes its centre).
-            let full = |c: f64| (c * halvings + 0.5) * reduction as f64 - 0.5 + shift;
-            (k.u, k.v) = (full(k.u), full(k.v));
-        }
-        octave = halved(&levels[SCALES]);
-        halvings *= 2.0;
+        extrema(&differences, octaves.len(), config.contrast_threshold as f32, &mut found);
+        next = halved(&levels[SCALES]);
+        octaves.push(levels);
     }
-    spread(found, image, config.keypoints_per_frame)
+    let keypoint = |e: Extremum| {
+        // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0 becomes its centre).
+        let halvings = f64::from(1u32 << e.octave);
+        let full = |c: f32| (f64::from(c) * halvings + 0.5) * reduction as f64 - 0.5 + shift;
+        (full(e.u), full(e.v), e)
+    };
+    // What a keypoint looks like is costly, and told of those that are kept only.
+    let described = |(u, v, e): (f64, f64, Extremum)| {
+        let level = &octaves[e.octave][e.level];
+        let angle = orientation(level, e.u, e.v, e.sigma);
+        Keypoint { u, v, response: e.response, descriptor: descriptor(level, e.u, e.v, e.sigma, angle) }
+    };
+    spread(found.into_iter().map(keypoint).collect(), image, config.keypoints_per_frame).into_iter().map(described).collect()
 }
 
 /// Mean of the bands, reduced by an integer factor to `side` at most, in logarithm.
@@ -140,7 +157,7 @@ fn halved(plane: &Plane) -> Plane {
     Plane { width, height, data }
 }
 
-fn extrema(differences: &[Plane], levels: &[Plane], threshold: f32, found: &mut Vec<Keypoint>) {
+fn extrema(differences: &[Plane], octave: usize, threshold: f32, found: &mut Vec<Extremum>) {
     let (w, h) = (differences[0].width, differences[0].height);
     for s in 1..=SCALES {
         for y in BORDER..h - BORDER {
@@ -152,11 +169,7 @@ fn extrema(differences: &[Plane], levels: &[Plane], threshold: f32, found: &mut 
                 if let Some((u, v, response, scale)) = refined(differences, s, x, y)
                     && response >= threshold
                 {
-                    let level = &levels[s];
-                    let sigma = SIGMA * 2f32.powf(scale / SCALES as f32);
-                    let angle = orientation(level, u, v, sigma);
-                    let descriptor = descriptor(level, u, v, sigma, angle);
-                    found.push(Keypoint { u: f64::from(u), v: f64::from(v), response, descriptor });
+                    found.push(Extremum { octave, level: s, u, v, sigma: SIGMA * 2f32.powf(scale / SCALES as f32), response });
                 }
             }
         }
@@ -204,6 +217,18 @@ fn gradient(level: &Plane, x: isize, y: isize) -> Option<(f32, f32)> {
     Some((at(x + 1, y) - at(x - 1, y), at(x, y + 1) - at(x, y - 1)))
 }
 
+/// Direction of a gradient in turns, 0 to 1, within 0.0001: histograms are coarser.
+fn turns(y: f32, x: f32) -> f32 {
+    let (ax, ay) = (x.abs(), y.abs());
+    let (least, most) = (ax.min(ay), ax.max(ay).max(1e-30));
+    let t = least / most;
+    let s = t * t;
+    let eighth = t * (0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1)))) * (0.5 / std::f32::consts::PI);
+    let quarter = if ay > ax { 0.25 - eighth } else { eighth };
+    let half = if x < 0.0 { 0.5 - quarter } else { quarter };
+    if y < 0.0 { 1.0 - half } else { half }
+}
+
 /// The strongest direction of the gradients around a point [rad].
 fn orientation(level: &Plane, u: f32, v: f32, sigma: f32) -> f32 {
     const BINS: usize = 36;
@@ -214,8 +239,8 @@ fn orientation(level: &Plane, u: f32, v: f32, sigma: f32) -> f32 {
         for dx in -radius..=radius {
             if let Some((gx, gy)) = gradient(level, cx + dx, cy + dy) {
                 let weight = (-((dx * dx + dy * dy) as f32) / (2.0 * (1.5 * sigma).powi(2))).exp();
-                let bin = gy.atan2(gx) / std::f32::consts::TAU * BINS as f32;
-                histogram[(bin.round() as isize).rem_euclid(BINS as isize) as usize] += weight * gx.hypot(gy);
+                let bin = (turns(gy, gx) * BINS as f32 + 0.5) as usize % BINS;
+                histogram[bin] += weight * (gx * gx + gy * gy).sqrt();
             }
         }
     }
@@ -233,8 +258,9 @@ fn orientation(level: &Plane, u: f32, v: f32, sigma: f32) -> f32 {
 }
 
 fn descriptor(level: &Plane, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
-    let mut histogram = [0f32; 128];
+    let mut padded = [[0f32; 8]; 49];
     let (sin, cos) = angle.sin_cos();
+    let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);
     let cell = 3.0 * sigma;
     let radius = (cell * std::f32::consts::SQRT_2 * 2.5).round() as isize;
     let (cx, cy) = (u.round() as isize, v.round() as isize);
@@ -247,21 +273,23 @@ fn descriptor(level: &Plane, u: f32, v: f32, sigma: f32, angle: f32) -> Descript
                 continue;
             }
             let Some((gx, gy)) = gradient(level, cx + dx, cy + dy) else { continue };
-            let weight = gx.hypot(gy) * (-(rx * rx + ry * ry) / 8.0).exp();
-            let direction = ((gy.atan2(gx) - angle) / std::f32::consts::TAU * 8.0).rem_euclid(8.0);
-            let (ix, iy, id) = (bx.floor(), by.floor(), direction.floor());
-            let (fx, fy, fd) = (bx - ix, by - iy, direction - id);
-            for (row, wy) in [(iy as isize, 1.0 - fy), (iy as isize + 1, fy)] {
-                for (column, wx) in [(ix as isize, 1.0 - fx), (ix as isize + 1, fx)] {
-                    if (0..4).contains(&row) && (0..4).contains(&column) {
-                        let start = (row * 4 + column) as usize * 8;
-                        histogram[start + id as usize % 8] += weight * wx * wy * (1.0 - fd);
-                        histogram[start + (id as usize + 1) % 8] += weight * wx * wy * fd;
-                    }
+            let weight = (gx * gx + gy * gy).sqrt() * (-(rx * rx + ry * ry) / 8.0).exp();
+            let direction = turns(gy, gx) - zero;
+            let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
+            // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
+            let (ix, iy, id) = ((bx + 1.0) as usize, (by + 1.0) as usize, direction as usize);
+            let (fx, fy, fd) = (bx + 1.0 - ix as f32, by + 1.0 - iy as f32, direction - id as f32);
+            for (row, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
+                for (column, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
+                    let cell = &mut padded[row * 7 + column];
+                    let share = weight * wx * wy;
+                    cell[id % 8] += share * (1.0 - fd);
+                    cell[(id + 1) % 8] += share * fd;
                 }
             }
         }
     }
+    let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 7 + i / 8 % 4 + 1][i % 8]);
     let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
     let first = norm(&histogram);
     histogram.iter_mut().for_each(|v| *v = (*v / first).min(0.2));
@@ -269,14 +297,14 @@ fn descriptor(level: &Plane, u: f32, v: f32, sigma: f32, angle: f32) -> Descript
     histogram.map(|v| (v / second * 512.0).round() as i16)
 }
 
-/// The strongest keypoints of each cell first, then the strongest of all, up to `most`.
-fn spread(mut found: Vec<Keypoint>, image: &SensorImage, most: usize) -> Vec<Keypoint> {
-    found.sort_by(|a, b| b.response.total_cmp(&a.response).then(a.v.total_cmp(&b.v)).then(a.u.total_cmp(&b.u)));
+/// The strongest extrema of each cell first, then the strongest of all, up to `most`.
+fn spread(mut found: Vec<(f64, f64, Extremum)>, image: &SensorImage, most: usize) -> Vec<(f64, f64, Extremum)> {
+    found.sort_by(|a, b| b.2.response.total_cmp(&a.2.response).then(a.1.total_cmp(&b.1)).then(a.0.total_cmp(&b.0)));
     let quota = most.div_ceil(CELLS.0 * CELLS.1);
     let mut filled = vec![0usize; CELLS.0 * CELLS.1];
-    let cell = |k: &Keypoint| {
+    let cell = |(u, v, _): &(f64, f64, Extremum)| {
         let index = |c: f64, n: usize, cells: usize| ((c.max(0.0) / n as f64 * cells as f64) as usize).min(cells - 1);
-        index(k.v, image.light.height, CELLS.1) * CELLS.0 + index(k.u, image.light.width, CELLS.0)
+        index(*v, image.light.height, CELLS.1) * CELLS.0 + index(*u, image.light.width, CELLS.0)
     };
     let (mut kept, rest): (Vec<_>, Vec<_>) = found.into_iter().partition(|k| {
         let count = &mut filled[cell(k)];
@@ -293,6 +321,16 @@ fn spread(mut found: Vec<Keypoint>, image: &SensorImage, most: usize) -> Vec<Key
 mod tests {
     use super::*;
     use crate::image::LinearImage;
+
+    #[test]
+    fn directions_are_right_all_around() {
+        for k in 0..1000 {
+            let angle = k as f32 / 1000.0;
+            let (sin, cos) = (angle * std::f32::consts::TAU).sin_cos();
+            let error = turns(3.0 * sin, 3.0 * cos) - angle;
+            assert!((error - error.round()).abs() < 1e-4, "{error} at {angle}");
+        }
+    }
 
     /// Blobs at known places, seen by a camera that is turned, shifted and dimmed.
     fn picture(turn: f64, shift: (f64, f64), gain: f32) -> SensorImage {
