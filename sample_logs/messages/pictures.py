@@ -10,6 +10,8 @@ import other_encodings as other
 from PIL import Image
 
 DEFINITIONS = {
+    "foxglove_msgs/CompressedImage": "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
+    "foxglove_msgs/RawImage": "builtin_interfaces/Time timestamp\nstring frame_id\nuint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n",
     "ffmpeg_image_transport_msgs/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
     "bool is_bigendian\nuint8[] data\n",
     "sensor_msgs/PointField": "uint8 INT8=1\nuint8 FLOAT32=7\nuint8 FLOAT64=8\nstring name\nuint32 offset\nuint8 datatype\nuint32 count\n",
@@ -92,6 +94,15 @@ def logs(m):
         messages = [{"header": m.header(i, camera), "format": "webp", "data": webp(c, lossless)} for i, c in enumerate(colour)]
         readings = [m.image_reading(i, c / 255, 8, False, 255, m.inner_points, tolerance, 6) for i, c in zip(frames, colour)]
         m.write_log(file, f"{m.IMAGE_TOPIC}/compressed", "sensor_msgs/msg/CompressedImage", messages, "image", camera, readings)
+
+    # ---- Foxglove's messages in ROS 2
+    stamps = [{"timestamp": m.header(i, "")["stamp"], "frame_id": camera} for i in frames]
+    readings = [m.exact_reading(i, c, linear=False) for i, c in zip(frames, colour)]
+    m.write_log("foxglove_msgs_compressed_image", f"{m.IMAGE_TOPIC}/compressed", "foxglove_msgs/msg/CompressedImage",
+                [stamp | {"data": m.png(c), "format": "png"} for stamp, c in zip(stamps, colour)], "image", camera, readings, "foxglove.CompressedImage in CDR")
+    m.write_log("foxglove_msgs_raw_image", m.IMAGE_TOPIC, "foxglove_msgs/msg/RawImage",
+                [stamp | {"width": m.WIDTH, "height": m.HEIGHT, "encoding": "rgb8", "step": 3 * m.WIDTH, "data": c.tobytes()}
+                 for stamp, c in zip(stamps, colour)], "image", camera, readings, "foxglove.RawImage in CDR")
 
     # ---- video: packets that are never decoded
     start = b"\0\0\0\1\x67\x42\0\x0a"

@@ -49,7 +49,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     // Beams by their number where they have one: drivers leave lost ones out, or reorder them.
     let ids: Vec<i64> = list.iter().filter_map(|b| b.integer("id")).collect();
     let first = i64::from(!ids.contains(&0));
-    let slot = |i: usize, beam: &Value<'_>| beam.integer("id").and_then(|id| usize::try_from(id - first).ok()).unwrap_or(i);
+    let slot = |i: usize, beam: &Value<'_>| beam.integer("id").and_then(|id| usize::try_from(id.checked_sub(first)?).ok()).unwrap_or(i);
     let by_distance = list.iter().any(|b| b.number("distance").is_some());
     let count = if by_distance && list.len() > 3 { list.len().max(4) } else { list.len() };
     let numbered = ids.len() == list.len() && list.iter().enumerate().all(|(i, b)| slot(i, b) < count) && distinct(&ids);
@@ -58,7 +58,9 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         ranges[if numbered { slot(i, beam) } else { i }] = range(beam);
     }
     let directions = match (posed, by_distance, list.len()) {
-        (true, ..) => directions_of_poses(list).map_or(Directions::Unknown, Directions::Exact),
+        // The rig file wins over poses, too.
+        (true, ..) if dvl::array(facts)?.is_none() => directions_of_poses(list).map_or(Directions::Unknown, Directions::Exact),
+        (true, ..) => Directions::Unknown,
         (_, true, 3) => Directions::Assumed("nortek-nucleus"),
         (_, true, _) => Directions::Assumed("waterlinked-a50"),
         _ => Directions::Unknown,

@@ -387,7 +387,7 @@ fn on_camera_clock(offset: Option<f64>, camera: Option<f64>) -> bool {
 
 /// A log time moved to the camera's clock.
 fn shifted(logged: Stamp, camera: Option<f64>) -> Stamp {
-    Stamp(logged.0 + (camera.unwrap_or(0.0) * 1e9) as i64)
+    logged.later(camera.unwrap_or(0.0))
 }
 
 /// The attitude channel with most samples; its sensor's mount is taken out.
