@@ -150,6 +150,11 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                         assert!(close(r.i, q[0], 1e-6) && close(r.j, q[1], 1e-6) && close(r.k, q[2], 1e-6) && close(r.w, q[3], 1e-6), "{file}");
                     }
                 },
+                Kind::LightSetting(read) => {
+                    let found: BTreeMap<&str, f64> = read(&value).expect(file).into_iter().collect();
+                    let ought: BTreeMap<&str, f64> = truth.as_object().unwrap().iter().map(|(k, v)| (k.as_str(), v.as_f64().unwrap())).collect();
+                    assert_eq!(found, ought, "{file}");
+                }
                 Kind::Ping(_, read) => check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth),
             }
         }

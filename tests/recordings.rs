@@ -223,6 +223,7 @@ fn exercise(decoder: &Decoder, data: &[u8]) {
         }
         Kind::Transforms(read) => drop(read(&value)),
         Kind::Attitude(read) => drop(read(&value)),
+        Kind::LightSetting(read) => drop(read(&value)),
         Kind::Ping(_, read) => {
             for facts in [DvlFacts::default(), DvlFacts { beams: Some("waterlinked-a50".into()), ..DvlFacts::default() }] {
                 drop(read(&value, &facts));

@@ -6,6 +6,7 @@ mod support;
 use support::judge::{Verdict, run};
 use support::render::{Dive, DvlType, Sensor, Truth};
 use unwater::config::{Estimator, Spreading, Switch};
+use unwater::model::LightLaw;
 use unwater::pipeline::Options;
 
 fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
@@ -162,6 +163,17 @@ fn what_the_water_scatters_back_is_taken_off() {
     // Three times as much, unmodelled, must not pass for an answer.
     let (murky, _) = judged(&Dive { backscatter: 0.3, ..dive }, &off);
     assert!(!murky.model.identified, "{:.4?} passed for an answer", murky.attenuation_error_per_m);
+}
+
+/// Whether a gain is a factor or counts decibels no message says; the pictures do.
+#[test]
+fn gains_told_on_a_channel_are_taken_out() {
+    for (decibels, seed, law) in [(false, 121, LightLaw::Factor), (true, 122, LightLaw::Decibel)] {
+        let (v, truth) = judged(&Dive { seed, frames: 32, gain_channel: Some(decibels), ..Dive::default() }, &Options::default());
+        let settings: Vec<_> = v.model.light_settings.iter().map(|s| (s.topic.as_str(), s.law)).collect();
+        assert_eq!(settings, [("/camera/gain", law)]);
+        assert_near("gain channel", &v, &truth, 0.03, 0.05, 0.04);
+    }
 }
 
 #[test]

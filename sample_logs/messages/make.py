@@ -14,7 +14,7 @@ Stamps start at 1750000000.0 s and step by 0.25 s; publish_time = stamp + 5 ms, 
 
 expected.json is {file: entry}. Each entry has
     topic, type    of the one channel
-    kind           image | camera_info | transforms | attitude | dvl | altitude | depth | video
+    kind           light | image | camera_info | transforms | attitude | dvl | altitude | depth | video
     frame_id       of every header (null: the message has no header)
     stamps_ns      one per message; the log time where the message has no stamp
     log_times_ns   one per message
@@ -85,6 +85,14 @@ DEFINITIONS = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "std_msgs/Float64": "float64 data\n",
+    "flir_camera_msgs/ImageMetaData": (
+        "std_msgs/Header header\n"
+        "uint64 camera_time\n"
+        "int16 brightness\n"
+        "uint32 exposure_time\n"
+        "uint32 max_exposure_time\n"
+        "float32 gain\n"
+    ),
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
     "geometry_msgs/Quaternion": "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
@@ -743,6 +751,17 @@ def altimeters():
     messages = [{"data": a} for a in [1.8125, 0.0, -1.0]]
     write_log("altitude_float64", "/dvl/altitude", "std_msgs/msg/Float64", messages, "altitude", None,
               [1.8125, None, None], "no header: the stamp is the log time")
+
+    messages = [{"data": g} for g in [1.0, 0.5, 0.125]]
+    write_log("light_setting_float64", "/camera/gain", "std_msgs/msg/Float64", messages, "light", None,
+              [{"value": 1.0}, {"value": 0.5}, {"value": 0.125}], "no header: the stamp is the log time")
+    messages = [
+        {"header": header(i, CAMERA_FRAME), "camera_time": 0, "brightness": 12, "exposure_time": e, "max_exposure_time": 20000, "gain": g}
+        for i, (e, g) in enumerate([(8000, 0.0), (4000, 6.0), (4000, 12.0)])
+    ]
+    write_log("image_meta_data", "/camera/meta", "flir_camera_msgs/msg/ImageMetaData", messages, "light", CAMERA_FRAME,
+              [{"exposure": 8000.0, "gain": 0.0}, {"exposure": 4000.0, "gain": 6.0}, {"exposure": 4000.0, "gain": 12.0}],
+              "microseconds and decibels")
 
     def big_endian_range(i, r):
         sec, nanosec = divmod(stamp_ns(i), 1_000_000_000)

@@ -14,6 +14,7 @@ mod frame_gains;
 mod held_out;
 mod joint;
 mod keypoints;
+mod light_settings;
 mod matching;
 mod pairs;
 pub mod robust;
@@ -24,6 +25,7 @@ mod tracks;
 use std::collections::BTreeMap;
 
 pub use backscatter::FoundBackscatter;
+pub use light_settings::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use samples::{FrameSamples, Sight, samples};
 pub use strobe_search::{FoundStrobe, PlacedStrobe};
@@ -150,6 +152,8 @@ pub struct Understood {
     pub strobe: PlacedStrobe,
     /// what the water scatters back
     pub backscatter: Option<FoundBackscatter>,
+    /// settings that the frames' light follows
+    pub followed: Vec<FollowedSetting>,
     /// per frame: log of its light over its neighbours', 0 but for drop-outs
     pub log_gains: Vec<f64>,
     /// the samples as the model saw them: evenly lit, freed of what was scattered back
@@ -160,7 +164,8 @@ pub struct Understood {
 const TURNS: usize = 3;
 
 /// Samples → model: frames lit unevenly are set right, the strobe is placed, what the water scatters back is taken off,
-/// and then attenuation and beam pattern are estimated. `given` is the strobe's mount, and whether it was measured.
+/// and then attenuation and beam pattern are estimated. `given` is the strobe's mount, and whether it was measured;
+/// `settings` are what camera and strobe were set to, each a number per frame.
 ///
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen estimator, or all, cannot answer.
@@ -169,8 +174,15 @@ pub fn understand(
     mut tracks: Vec<Track>,
     body_from_optical: Transform<Body, Optical>,
     given: (Transform<Body, Strobe>, bool),
+    settings: &[Vec<f64>],
     config: &EstimateConfig,
 ) -> Result<Understood> {
+    let followed = light_settings::followed(&frames, &tracks, settings);
+    for setting in &followed {
+        let log_gain = |v: &f64| setting.law.log_light(*v).zip(setting.law.log_light(setting.reference)).map_or(0.0, |(v, r)| v - r);
+        let log_gains: Vec<f64> = settings[setting.index].iter().map(log_gain).collect();
+        frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
+    }
     let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, given.0), config);
     frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
 
@@ -208,7 +220,7 @@ pub fn understand(
         found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);
         found
     });
-    Ok(Understood { estimate, strobe, backscatter, log_gains, frames })
+    Ok(Understood { estimate, strobe, backscatter, followed, log_gains, frames })
 }
 
 /// Runs the estimators and chooses among them.

@@ -15,6 +15,11 @@ pub fn quantile(values: &[f64], share: f64) -> f64 {
     *sorted.select_nth_unstable_by(index, f64::total_cmp).1
 }
 
+/// Mean of absolute values; 0 for none.
+pub fn mean_size(values: &[f64]) -> f64 {
+    values.iter().map(|v| v.abs()).sum::<f64>() / values.len().max(1) as f64
+}
+
 /// Standard deviation of the well-behaved part, from absolute misfits: 1.4826 × their median.
 pub fn scale(misfits: &[f64]) -> f64 {
     let absolute: Vec<f64> = misfits.iter().map(|e| e.abs()).collect();

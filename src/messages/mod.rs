@@ -22,6 +22,7 @@ mod idl_schema;
 mod imu;
 mod json;
 pub mod layout;
+mod light_setting;
 mod mavlink_distance;
 mod odometry;
 pub mod output;
@@ -116,6 +117,8 @@ pub enum Kind {
     Attitude(fn(&Value<'_>) -> Result<Option<UnitQuaternion<f64>>, String>),
     /// ranges along beams, or an altitude; the rank says which instrument to prefer (lower is better)
     Ping(u8, fn(&Value<'_>, &DvlFacts) -> Result<PingReading, String>),
+    /// exposure, gain or strobe power, by name, in the sender's unit
+    LightSetting(fn(&Value<'_>) -> Result<Vec<(&'static str, f64)>, String>),
 }
 
 impl Kind {
@@ -127,6 +130,7 @@ impl Kind {
             Self::Transforms(_) => "transforms",
             Self::Attitude(_) => "attitude",
             Self::Ping(..) => "range",
+            Self::LightSetting(_) => "light setting",
         }
     }
 }

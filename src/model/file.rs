@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{AttenuationOverTime, Backscatter, BeamPattern, ImagingModel, Nodes, SHAPES, SpreadingModel};
+use super::{AttenuationOverTime, Backscatter, BeamPattern, ImagingModel, LightSettingFile, Nodes, SHAPES, SpreadingModel};
 use crate::config::{Method, Spreading};
 
 /// The value of `format`.
@@ -153,6 +153,9 @@ pub struct ModelFile {
     /// frames that got another amount of light (strobe drop-outs); all others have gain 1
     #[serde(default)]
     pub frame_gains: Vec<FrameGainFile>,
+    /// settings of camera and strobe that the light of the frames follows; it is taken out
+    #[serde(default)]
+    pub light_settings: Vec<LightSettingFile>,
     /// what the user must know of it
     #[serde(default)]
     pub warnings: Vec<String>,

@@ -16,11 +16,13 @@ mod backscatter;
 mod beam_pattern;
 mod drift;
 mod file;
+mod light_setting;
 
 pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
 pub use beam_pattern::{BeamPattern, Nodes};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use file::{BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, RenderingFile, StrobeFile};
+pub use light_setting::{LightLaw, LightSettingFile};
 
 use crate::config::Spreading;
 use crate::geometry::LightPath;

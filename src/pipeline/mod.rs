@@ -14,17 +14,17 @@ use sha2::Digest;
 use crate::config::{Config, Estimator, Method, Spreading};
 use crate::correct::{Correction, rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
+use crate::estimate::{Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
 use crate::geometry::LightPath;
 use crate::image::{Bands, Container};
 use crate::model::{
-    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, Frustum, GlowTable, ImagingModel, InputFile, ModelFile, RenderingFile, SpreadingModel,
-    StrobeFile,
+    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, Frustum, GlowTable, ImagingModel, InputFile, LightSettingFile, ModelFile, RenderingFile,
+    SpreadingModel, StrobeFile,
 };
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::spaces::{Body, Optical, Strobe, Transform};
-use crate::vehicle::{MountFacts, Rig, RigFile, StrobeMount};
+use crate::vehicle::{MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
 
 use ordered_map::Threads;
 use pass_one::{Collected, collect};
@@ -223,6 +223,7 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     let Some((first, _)) = logs.first() else { return Err(Error::Usage("no log was given".into())) };
     let first = *first;
     let (mut frames, mut pairs, mut inputs) = (Vec::new(), Vec::new(), Vec::new());
+    let mut settings: Vec<Vec<f64>> = vec![Vec::new(); first.survey.settings.len()];
     for (log, mut collected) in logs {
         let offset = frames.len();
         inputs.push(InputFile {
@@ -232,6 +233,10 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
             dvl_topic: log.survey.dvl_topic.clone(),
             frames: collected.frames.len(),
         });
+        for (values, series) in settings.iter_mut().zip(&first.survey.settings) {
+            let same = log.survey.settings.iter().find(|s| (&s.topic, &s.name) == (&series.topic, &series.name));
+            values.extend(collected.frames.iter().map(|f| same.and_then(|s| s.at(f.stamp)).unwrap_or(f64::NAN)));
+        }
         frames.append(&mut collected.frames);
         pairs.extend(collected.pairs.into_iter().map(|p| MatchedPair { a: p.a + offset, b: p.b + offset, ..p }));
     }
@@ -246,7 +251,7 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     let tracks = tracks(&frames, &pairs);
     let rig = &first.survey.rig;
     let given = (rig.strobe.body_from_strobe, rig.strobe.source.is_some());
-    let found = understand(frames, tracks, rig.body_from_optical, given, &config.estimate)?;
+    let found = understand(frames, tracks, rig.body_from_optical, given, &settings, &config.estimate)?;
     let mount = found.strobe.body_from_strobe;
     let rendering = shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
     let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
@@ -256,9 +261,14 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
         warnings
             .push(format!("{} frames got another amount of light than their neighbours (strobe drop-outs); they are set right", frame_gains.len()));
     }
+    let light_setting = |f: &FollowedSetting| {
+        let SettingSeries { topic, name, .. } = &first.survey.settings[f.index];
+        LightSettingFile { topic: topic.clone(), name: name.clone(), law: f.law, reference: f.reference }
+    };
+    let light_settings = found.followed.iter().map(light_setting).collect();
     let strobe = Some(strobe_file(&found.strobe, rig));
     let backscatter = found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
-    Ok(ModelFile { strobe, backscatter, frame_gains, warnings, ..file_of(found.estimate, rendering, inputs, config) })
+    Ok(ModelFile { strobe, backscatter, frame_gains, light_settings, warnings, ..file_of(found.estimate, rendering, inputs, config) })
 }
 
 fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
@@ -322,6 +332,7 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         strobe: None,
         backscatter: None,
         frame_gains: Vec::new(),
+        light_settings: Vec::new(),
         warnings: Vec::new(),
         segments: found.model.over_time.clone(),
         rendering,

@@ -11,7 +11,7 @@ use crate::image::transfer::SrgbTable;
 use crate::image::{Container, LinearImage, encode};
 use crate::messages::output::{self, Level, OutputType};
 use crate::messages::{Heading, Kind, heading};
-use crate::model::{ImagingModel, ModelFile};
+use crate::model::{ImagingModel, LightSettingFile, ModelFile};
 use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
 use crate::report::{Reason, Report};
 use crate::spaces::Direction;
@@ -293,9 +293,14 @@ impl PassTwo<'_> {
         Done { message, heading: said, plane, result }
     }
 
-    /// Light of a frame over its neighbours', where pass one saw it stand out.
+    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
     fn frame_gain(&self, stamp: Stamp) -> f64 {
-        self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
+        let by_setting = |s: &LightSettingFile| {
+            let series = self.survey.settings.iter().find(|series| (&series.topic, &series.name) == (&s.topic, &s.name))?;
+            Some(s.log_gain(series.at(stamp)?))
+        };
+        let set: f64 = self.file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
+        set * self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
     }
 
     fn encoded(
@@ -412,6 +417,8 @@ impl PassTwo<'_> {
         let mut lines = vec![(Level::Info, format!("{kind} attenuation {alpha} per metre, by the {} estimator", self.file.estimator))];
         lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
         lines.extend(self.survey.warnings.iter().chain(&self.file.warnings).map(|w| (Level::Warn, w.clone())));
+        let followed = |s: &LightSettingFile| format!("{} ({}): the frames' light follows it as {}", s.topic, s.name, s.law.word());
+        lines.extend(self.file.light_settings.iter().map(|s| (Level::Info, followed(s))));
         lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));
         lines
     }

@@ -58,6 +58,8 @@ pub struct ChannelScan {
     pub heights: Vec<HeightCheck>,
     /// attitudes with the log time
     pub attitudes: Vec<(Stamp, Stamp, UnitQuaternion<f64>)>,
+    /// settings of camera or strobe, by name
+    pub settings: Vec<(Stamp, Vec<(&'static str, f64)>)>,
     /// messages that say they have no attitude
     pub without_attitude: u64,
     /// the first calibration that is one, and whether any said "not calibrated"
@@ -229,6 +231,7 @@ impl ChannelScan {
                 Some(rotation) => self.attitudes.push((stamp, logged, rotation)),
                 None => self.without_attitude += 1,
             },
+            Kind::LightSetting(decode) => self.settings.push((stamp, decode(&value)?)),
             Kind::Ping(_, decode) => {
                 let reading = decode(&value, dvl)?;
                 self.heights.extend(reading.height);

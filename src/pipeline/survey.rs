@@ -16,7 +16,7 @@ use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::units::Stamp;
-use crate::vehicle::{AttitudeTrack, Camera, MountFacts, Rig, RigFile, StrobeMount};
+use crate::vehicle::{AttitudeTrack, Camera, MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
 use mounts::Mounts;
@@ -52,6 +52,8 @@ pub struct Survey {
     pub attitude_topic: Option<String>,
     /// pings and attitude
     pub pings: Pings,
+    /// settings of camera and strobe that change along the log
+    pub settings: Vec<SettingSeries>,
     /// mounts and calibration
     pub rig: Rig,
     /// what was assumed or mended
@@ -192,10 +194,27 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         dvl_topic,
         attitude_topic,
         pings,
+        settings: settings(recording, scan),
         rig,
         remarks,
         warnings,
     })
+}
+
+/// What camera and strobe were set to, where it changes.
+fn settings(recording: &Recording, scan: &Scan) -> Vec<SettingSeries> {
+    let mut found = Vec::new();
+    for (id, channel) in &scan.channels {
+        let mut names: Vec<&'static str> = channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name)).collect();
+        names.sort_unstable();
+        names.dedup();
+        for name in names {
+            let values = channel.settings.iter().filter_map(|(stamp, s)| Some((*stamp, s.iter().find(|(n, _)| *n == name)?.1))).collect();
+            found.push(SettingSeries::new(topic(recording, *id), name.into(), values));
+        }
+    }
+    found.retain(SettingSeries::varies);
+    found
 }
 
 fn topic(recording: &Recording, id: u16) -> String {

@@ -91,6 +91,7 @@ pub struct Dive {
     pub spreading_exponent: f64,     // p
     pub backscatter: f64,            // over direct light, means over dive and bands at gain 1
     pub half_power_frames: f64,      // fraction of frames with gain 0.5 (at least one where above 0)
+    pub gain_channel: Option<bool>,  // gains of 1 to 1/8 frame by frame, told on /camera/gain: in decibels or as a factor
     pub return_leg: bool,            // turn at mid-dive and come back 0.6 m beside
     pub sensor: Sensor, pub dvl: DvlType,
     pub with_imu: bool, pub with_strobe_mount: bool,
@@ -103,7 +104,7 @@ impl Default for Dive {
             seed: 1, frames: 24, width: 384, height: 288, focal_px: 460.0, distortion: [0.0; 5],
             attenuation_per_m: [0.45, 0.14, 0.10], attenuation_drift: 0.0, altitude_m: (1.5, 3.0),
             slope_deg: (2.0, 1.0), tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
-            backscatter: 0.0, half_power_frames: 0.0, return_leg: false, sensor: Sensor::Bayer16,
+            backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, sensor: Sensor::Bayer16,
             dvl: DvlType::MarineAcoustic, with_imu: true, with_strobe_mount: true, noise: true,
         }
     }
@@ -156,6 +157,7 @@ impl Dive {
         }
     }
     fn gain(&self, frame: usize) -> f64 {
+        if self.gain_channel.is_some() { return 0.5_f64.powi((hash(self.seed, 0x6a19, frame as i64) % 4) as i32); }
         let order = |k: usize| hash(self.seed, 0x6a19, k as i64);
         let before = (0..self.frames).filter(|&k| order(k) < order(frame)).count() as f64;
         let halved = (self.half_power_frames * self.frames as f64).round();
@@ -520,6 +522,10 @@ impl Dive {
         let mut messages = vec![(IMU_NS.0, "/tf_static", "tf2_msgs/msg/TFMessage", self.tf_static(IMU_NS.0))];
         let imu = times(IMU_NS).filter(|_| self.with_imu);
         messages.extend(imu.map(|(n, ns)| (ns + 3_000_000, "/imu", "sensor_msgs/msg/Imu", self.imu(ns, n))));
+        let told = |gain: f64| if self.gain_channel == Some(true) { 20.0 * gain.log10() } else { gain };
+        let setting = |k: usize| { let mut cdr = Cdr::new(); cdr.f64(told(self.gain(k))); cdr.0 };
+        let frames = (0..self.frames).filter(|_| self.gain_channel.is_some());
+        messages.extend(frames.map(|k| (k as i64 * FRAME_NS - 20_000_000, "/camera/gain", "std_msgs/msg/Float64", setting(k))));
         let mut altitude = -1.0;
         let dvl = if let DvlType::WaterLinked = self.dvl { "dvl_msgs/msg/DVL" } else { "marine_acoustic_msgs/msg/Dvl" };
         let mut ping = |(n, ns)| (ns + 60_000_000, "/dvl/data", dvl, self.ping(ns, n, &mut altitude));
@@ -672,7 +678,8 @@ const TIME: &str = "builtin_interfaces/Time, int32 sec, uint32 nanosec";
 const VECTOR: &str = "geometry_msgs/Vector3, float64 x, float64 y, float64 z";
 const QUATERNION: &str = "geometry_msgs/Quaternion, float64 x 0, float64 y 0, float64 z 0, float64 w 1";
 /// Name, fields and what they need, of common_interfaces, marine_acoustic_msgs and dvl_msgs.
-const TYPES: [(&str, &str, &[&str]); 7] = [
+const TYPES: [(&str, &str, &[&str]); 8] = [
+    ("std_msgs/msg/Float64", "float64 data", &[]),
     ("tf2_msgs/msg/TFMessage", "geometry_msgs/TransformStamped[] transforms", &[VECTOR, QUATERNION,
         "geometry_msgs/TransformStamped, std_msgs/Header header, string child_frame_id, geometry_msgs/Transform \
         transform", "geometry_msgs/Transform, geometry_msgs/Vector3 translation, geometry_msgs/Quaternion rotation"]),
