@@ -165,6 +165,16 @@ fn what_the_water_scatters_back_is_taken_off() {
     assert!(!murky.model.identified, "{:.4?} passed for an answer", murky.attenuation_error_per_m);
 }
 
+#[test]
+fn what_the_lens_takes_is_given_back() {
+    let dive = Dive { seed: 131, frames: 28, focal_px: 300.0, vignetting: true, ..Dive::default() };
+    let told = Options { rig: toml::from_str("[camera]\nvignetting = \"cos4\"\n").expect("a rig"), ..Options::default() };
+    let (v, truth) = judged(&dive, &told);
+    assert_near("vignetting", &v, &truth, 0.03, 0.05, 0.03);
+    let (untold, _) = judged(&dive, &Options::default());
+    assert!(untold.reflectance_error[1] > 1.2 * v.reflectance_error[1], "{:?} and {:?}", untold.reflectance_error, v.reflectance_error);
+}
+
 /// Whether a gain is a factor or counts decibels no message says; the pictures do.
 #[test]
 fn gains_told_on_a_channel_are_taken_out() {

@@ -7,6 +7,7 @@
 pub mod decode;
 pub mod demosaic;
 pub mod encode;
+pub mod flat_field;
 pub mod transfer;
 mod yuv;
 

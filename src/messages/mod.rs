@@ -104,6 +104,9 @@ pub struct PictureReading<'v> {
     pub picture: EncodedImage<'v>,
 }
 
+/// A number and what it is called.
+pub type NamedNumber = (&'static str, f64);
+
 /// What kind of thing a channel carries.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
@@ -118,7 +121,7 @@ pub enum Kind {
     /// ranges along beams, or an altitude; the rank says which instrument to prefer (lower is better)
     Ping(u8, fn(&Value<'_>, &DvlFacts) -> Result<PingReading, String>),
     /// exposure, gain or strobe power, by name, in the sender's unit
-    LightSetting(fn(&Value<'_>) -> Result<Vec<(&'static str, f64)>, String>),
+    LightSetting(fn(&Value<'_>) -> Result<Vec<NamedNumber>, String>),
 }
 
 impl Kind {

@@ -114,7 +114,9 @@ fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Confi
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
     let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
-    Ok(decode(&read(&value)?, light)?.image)
+    let mut image = decode(&read(&value)?, light)?.image;
+    survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
+    Ok(image)
 }
 
 fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<MatchedPair>> {

@@ -263,7 +263,8 @@ impl PassTwo<'_> {
             said = heading(&value);
             let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
             let light = Light { transfer: self.config.light.transfer, white_level: self.survey.white_level };
-            let picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
+            let mut picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
+            self.survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).map_err(|_sizes| Reason::WrongSize)?;
             let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
             let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
                 NoSeafloor::NoPing { .. } => Reason::NoPing,

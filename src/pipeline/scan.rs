@@ -6,7 +6,7 @@ use nalgebra::UnitQuaternion;
 
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
-use crate::messages::{Decoder, DepthPixels, Edge, HeightCheck, Kind, attitude_frame, heading};
+use crate::messages::{Decoder, DepthPixels, Edge, HeightCheck, Kind, NamedNumber, attitude_frame, heading};
 use crate::recording::{Channel, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
 use crate::vehicle::{Calibration, DvlFacts, Ping};
@@ -59,7 +59,7 @@ pub struct ChannelScan {
     /// attitudes with the log time
     pub attitudes: Vec<(Stamp, Stamp, UnitQuaternion<f64>)>,
     /// settings of camera or strobe, by name
-    pub settings: Vec<(Stamp, Vec<(&'static str, f64)>)>,
+    pub settings: Vec<(Stamp, Vec<NamedNumber>)>,
     /// messages that say they have no attitude
     pub without_attitude: u64,
     /// the first calibration that is one, and whether any said "not calibrated"

@@ -11,7 +11,9 @@ use nalgebra::Isometry3;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Pings;
-use crate::image::Container;
+use crate::image::decode::{Light, decode};
+use crate::image::flat_field::FlatField;
+use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Strobe, Transform};
@@ -52,6 +54,8 @@ pub struct Survey {
     pub attitude_topic: Option<String>,
     /// pings and attitude
     pub pings: Pings,
+    /// what the lens takes, where the rig file says
+    pub flat_field: Option<FlatField>,
     /// settings of camera and strobe that change along the log
     pub settings: Vec<SettingSeries>,
     /// mounts and calibration
@@ -93,6 +97,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
     let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
+    let flat_field = flat_field(rig_file, &camera, picture, config)?;
     checks::depths_to_beams(recording, scan, &mut warnings);
     let dvl_id = choose_ranges(recording, scan, selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()), rig_file)?;
     let dvl_topic = topic(recording, dvl_id);
@@ -194,11 +199,30 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         dvl_topic,
         attitude_topic,
         pings,
+        flat_field,
         settings: settings(recording, scan),
         rig,
         remarks,
         warnings,
     })
+}
+
+/// What the lens takes, by the rig file: a picture of an evenly lit surface, or a formula.
+fn flat_field(rig_file: &RigFile, camera: &Camera, picture: Option<(usize, usize)>, config: &Config) -> Result<Option<FlatField>> {
+    let (width, height) = picture.unwrap_or((camera.width, camera.height));
+    if let Some(path) = &rig_file.camera.flat_field {
+        let data = std::fs::read(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+        let light = Light { transfer: config.light.transfer, white_level: None };
+        let decoded = decode(&EncodedImage::Compressed { format: "", data: &data }, light);
+        let flat = decoded.map_err(|e| Error::Rig(format!("camera.flat_field {}: {e}", path.display())))?.image.into_bands();
+        if (flat.width, flat.height) != (width, height) {
+            let sizes = format!("{}×{}, the log's pictures are {width}×{height}", flat.width, flat.height);
+            return Err(Error::Rig(format!("camera.flat_field {} is {sizes}", path.display())));
+        }
+        return Ok(Some(FlatField::from_picture(flat)));
+    }
+    let Some((vignetting, camera)) = rig_file.camera.vignetting.zip(camera.scaled_to(width, height)) else { return Ok(None) };
+    Ok(Some(FlatField::from_fn(width, height, |u, v| camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.share(x, y)))))
 }
 
 /// What camera and strobe were set to, where it changes.
@@ -462,6 +486,7 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     file.camera.distortion_model = Some(camera.distortion.name().into());
     file.camera.distortion = Some(camera.distortion.coefficients());
     file.camera.medium = given.camera.medium;
+    (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
     file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe.isometry()));

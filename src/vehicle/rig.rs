@@ -115,8 +115,43 @@ pub struct CameraFacts {
     /// what the calibration was made in, the log's too; water where absent. Of air a flat port is assumed
     #[serde(skip_serializing_if = "Option::is_none")]
     pub medium: Option<Medium>,
+    /// how the lens's light falls off towards the edge (Eq. 7)
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vignetting: Option<Vignetting>,
+    /// a picture of an evenly lit surface, as the camera takes it, instead of a formula
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flat_field: Option<std::path::PathBuf>,
     /// where the camera sits
     pub mount: Option<MountFacts>,
+}
+
+/// Fall-off of light towards the picture's edge.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Vignetting {
+    /// a formula by name
+    Named(VignettingName),
+    /// 1 + a₂ r² + a₄ r⁴ + a₆ r⁶, r the tangent of the angle off the axis
+    Radial([f64; 3]),
+}
+
+/// Formulas of vignetting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VignettingName {
+    /// the fourth power of the cosine of the angle off the axis, as of a simple lens
+    Cos4,
+}
+
+impl Vignetting {
+    /// Share of light that arrives from a ray x/z, y/z.
+    pub fn share(&self, x: f64, y: f64) -> f64 {
+        let r2 = x * x + y * y;
+        match self {
+            Self::Named(VignettingName::Cos4) => (1.0 + r2).powi(-2),
+            Self::Radial([a2, a4, a6]) => 1.0 + r2 * (a2 + r2 * (a4 + r2 * a6)),
+        }
+    }
 }
 
 /// The range instrument's part of a rig file.

@@ -93,6 +93,7 @@ pub struct Dive {
     pub half_power_frames: f64,      // fraction of frames with gain 0.5 (at least one where above 0)
     pub gain_channel: Option<bool>,  // gains of 1 to 1/8 frame by frame, told on /camera/gain: in decibels or as a factor
     pub return_leg: bool,            // turn at mid-dive and come back 0.6 m beside
+    pub vignetting: bool,            // the lens takes cos^4 of the angle off its axis
     pub sensor: Sensor, pub dvl: DvlType,
     pub with_imu: bool, pub with_strobe_mount: bool,
     pub noise: bool,                 // shot and read noise in the images, and noise of the IMU's attitude
@@ -104,7 +105,7 @@ impl Default for Dive {
             seed: 1, frames: 24, width: 384, height: 288, focal_px: 460.0, distortion: [0.0; 5],
             attenuation_per_m: [0.45, 0.14, 0.10], attenuation_drift: 0.0, altitude_m: (1.5, 3.0),
             slope_deg: (2.0, 1.0), tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
-            backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, sensor: Sensor::Bayer16,
+            backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, vignetting: false, sensor: Sensor::Bayer16,
             dvl: DvlType::MarineAcoustic, with_imu: true, with_strobe_mount: true, noise: true,
         }
     }
@@ -321,7 +322,9 @@ impl<'a> Scene<'a> {
             let direct = view.direct(&view.floor_point(rays[0]), self.dive.spreading_exponent).component_mul(&r);
             let scatter = self.between_nodes(glow, i) * scattering;
             (direct_sum, scatter_sum) = (direct_sum + direct, scatter_sum + scatter);
-            signal.push((direct + scatter) * gain * exposure);
+            let [x, y] = rays[0];
+            let lens = if self.dive.vignetting { (1.0 + x * x + y * y).powi(-2) } else { 1.0 };
+            signal.push((direct + scatter) * gain * exposure * lens);
             reflectance.push([r.x as f32, r.y as f32, r.z as f32]);
         }
         let truth = FrameTruth {
