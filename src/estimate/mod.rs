@@ -163,7 +163,7 @@ pub struct Understood {
 /// Times that strobe and backscatter are sought in turn: each is seen better with the other known.
 const TURNS: usize = 3;
 
-/// Samples → model: frames lit unevenly are set right, the strobe is placed, what the water scatters back is taken off,
+/// Samples → model: the strobe is placed, frames lit unevenly are set right, what the water scatters back is taken off,
 /// and then attenuation and beam pattern are estimated. `given` is the strobe's mount, and whether it was measured;
 /// `settings` are what camera and strobe were set to, each a number per frame.
 ///
@@ -183,14 +183,21 @@ pub fn understand(
         let log_gains: Vec<f64> = settings[setting.index].iter().map(log_gain).collect();
         frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
     }
-    let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, given.0), config);
-    frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
+    // Seen from the wrong place a frame at the dive's edge looks as if it had got another light: the strobe comes first.
+    let placed = |frames: &[FrameSamples], tracks: &[Track]| {
+        strobe_search::place_strobe(&Samples::plain(frames, tracks, body_from_optical, given.0), given.1, config)
+    };
+    let mut strobe = placed(&frames, &tracks);
+    let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, strobe.body_from_strobe), config);
+    if log_gains.iter().any(|g| *g != 0.0) {
+        frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
+        strobe = placed(&frames, &tracks);
+    }
 
     let lit = Samples::plain(&frames, &tracks, body_from_optical, given.0);
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let can_tell = lit.altitude_varies(config) && tracks.len() >= config.least_pairs;
     let moves = config.strobe_position != StrobePosition::Fixed && (!given.1 || config.strobe_position != StrobePosition::Auto);
-    let mut strobe = strobe_search::place_strobe(&lit, given.1, config);
     let mut backscatter = None;
     let mut freed: Option<(Vec<FrameSamples>, Vec<Track>)> = None;
     for _ in 0..TURNS {
