@@ -1,60 +1,131 @@
 //! How near the truth the estimators come, over many rendered dives: the table of `docs/accuracy.md`.
 //!
-//!     cargo run --release --example accuracy -- [SEEDS [SETTINGS.toml [CASE]]]
+//!     cargo run --release --example accuracy -- [SEEDS [CASE [SETTINGS.toml]]]
 #[path = "../tests/support/mod.rs"]
 mod support;
 
 use support::judge::{Verdict, run};
-use support::render::{Dive, Sensor};
-use unwater::config::Estimator;
+use support::render::{Dive, Sensor, Truth};
+use unwater::config::{Config, Estimator, Spreading, Switch};
 use unwater::pipeline::Options;
+use unwater::units::Stamp;
+
+type Judged = (Verdict, Truth);
+/// What a case shows beside the columns that all have.
+type Extra = fn(&[Judged]) -> String;
+
+struct Case {
+    name: &'static str,
+    dive: fn(u64) -> Dive,
+    change: fn(&mut Config),
+    extra: Extra,
+}
+
+fn plain(seed: u64) -> Dive {
+    Dive { seed, frames: 40, ..Dive::default() }
+}
+
+const CASES: &[Case] = &[
+    Case { name: "16-bit Bayer, clear", dive: plain, change: |_| {}, extra: |_| String::new() },
+    Case { name: "JPEG q92, clear", dive: |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
+    Case { name: "the paper's pairs", dive: plain, change: |c| c.estimate.estimator = Estimator::Pairs, extra: |_| String::new() },
+    Case { name: "exponent fitted", dive: plain, change: |c| c.estimate.spreading = Spreading::Fit, extra: exponents },
+    Case { name: "strobe not given", dive: |s| Dive { with_strobe_mount: false, ..plain(s) }, change: |_| {}, extra: strobe_found },
+    Case { name: "5 % at half power", dive: |s| Dive { half_power_frames: 0.05, ..plain(s) }, change: |_| {}, extra: drop_outs },
+    Case { name: "gains 1 to 1/8, told", dive: |s| Dive { gain_channel: Some(s % 2 == 0), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
+    Case { name: "backscatter 10 %", dive: |s| Dive { backscatter: 0.1, ..plain(s) }, change: |_| {}, extra: modelled },
+    Case {
+        name: "the same, `--backscatter off`",
+        dive: |s| Dive { backscatter: 0.1, ..plain(s) },
+        change: |c| c.estimate.backscatter = Switch::Off,
+        extra: modelled,
+    },
+    Case { name: "backscatter 30 %", dive: |s| Dive { backscatter: 0.3, ..plain(s) }, change: |_| {}, extra: modelled },
+    Case { name: "α drifts by 30 %", dive: |s| Dive { attenuation_drift: 0.3, ..plain(s) }, change: |_| {}, extra: followed },
+    Case { name: "slope 15°", dive: |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
+];
 
 fn main() {
-    let seeds: u64 = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(8);
-    let plain = |seed| Dive { seed, frames: 40, ..Dive::default() };
-    let mut joint = Options::default();
-    if let Some(path) = std::env::args().nth(2) {
-        joint.config = unwater::config::Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings");
-    }
-    let wanted = std::env::args().nth(3).unwrap_or_default();
-    let mut pairs = joint.clone();
-    pairs.config.estimate.estimator = Estimator::Pairs;
-    type Case = (&'static str, Box<dyn Fn(u64) -> Dive>, Options);
-    let cases: Vec<Case> = vec![
-        ("bayer16, clear", Box::new(plain), joint.clone()),
-        ("bayer16, clear, pairs", Box::new(plain), pairs),
-        ("JPEG q92, clear", Box::new(move |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }), joint.clone()),
-        ("strobe not given", Box::new(move |s| Dive { with_strobe_mount: false, ..plain(s) }), joint.clone()),
-        ("5 % at half power", Box::new(move |s| Dive { half_power_frames: 0.05, ..plain(s) }), joint.clone()),
-        ("backscatter 10 %", Box::new(move |s| Dive { backscatter: 0.1, ..plain(s) }), joint.clone()),
-        ("backscatter 30 %", Box::new(move |s| Dive { backscatter: 0.3, ..plain(s) }), joint.clone()),
-        ("alpha drifts by 30 %", Box::new(move |s| Dive { attenuation_drift: 0.3, ..plain(s) }), joint.clone()),
-        ("slope 15 deg", Box::new(move |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }), joint.clone()),
-    ];
+    let argument = |n: usize| std::env::args().nth(n);
+    let seeds: u64 = argument(1).and_then(|n| n.parse().ok()).unwrap_or(8);
+    let wanted = argument(2).unwrap_or_default();
+    let base = argument(3).map(|path| Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings")).unwrap_or_default();
     println!(
-        "{:<29} {:>24} {:>24} {:>8} {:>21} {:>7} {:>10}",
-        "case", "mean error of alpha", "worst error of alpha", "beam", "reflectance error", "in 95 %", "identified"
+        "| case ({seeds} seeds) | mean error of α R, G, B | largest | largest of α_R − α_G, α_G − α_B | log BP RMSE | reflectance, median error | 95 % holds | identified | |"
     );
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     let folder = std::env::temp_dir().join(format!("unwater-accuracy-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    for (name, dive, options) in cases.into_iter().filter(|c| c.0.starts_with(&wanted)) {
-        let verdicts: Vec<Verdict> = (1..=seeds).map(|seed| run(&dive(seed), &options, &folder).0).collect();
-        let n = verdicts.len() as f64;
-        let mean = |f: &dyn Fn(&Verdict) -> f64| verdicts.iter().map(f).sum::<f64>() / n;
-        let three = |f: &dyn Fn(usize) -> f64| (0..3).map(|b| format!("{:+.4}", f(b))).collect::<Vec<_>>().join(" ");
-        let held: usize = verdicts
+    for case in CASES.iter().filter(|c| c.name.starts_with(&wanted)) {
+        let mut options = Options { config: base.clone(), ..Options::default() };
+        (case.change)(&mut options.config);
+        let judged: Vec<Judged> = (1..=seeds).map(|seed| run(&(case.dive)(seed), &options, &folder)).collect();
+        let n = judged.len() as f64;
+        let mean = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|(v, _)| f(v)).sum::<f64>() / n;
+        let largest = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|(v, _)| f(v).abs()).fold(0.0, f64::max);
+        let error = |v: &Verdict, b: usize| v.attenuation_error_per_m[b];
+        let list = |values: Vec<f64>, digits: usize| values.iter().map(|v| format!("{v:.digits$}")).collect::<Vec<_>>().join(", ");
+        let held: usize = judged
             .iter()
-            .map(|v| v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count())
+            .map(|(v, _)| v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count())
             .sum();
         println!(
-            "{name:<29} {:>24} {:>24} {:>8.4} {:>21} {:>6.0}% {:>7}/{n:.0}",
-            three(&|b| mean(&|v| v.attenuation_error_per_m[b])),
-            three(&|b| verdicts.iter().map(|v| v.attenuation_error_per_m[b].abs()).fold(0.0, f64::max)),
+            "| {} | {} | {} | {} | {:.3} | {} | {:.0} % | {} of {n} | {} |",
+            case.name,
+            list((0..3).map(|b| mean(&|v| error(v, b))).collect(), 4),
+            list((0..3).map(|b| largest(&|v| error(v, b))).collect(), 4),
+            list((0..2).map(|b| largest(&|v| error(v, b) - error(v, b + 1))).collect(), 4),
             mean(&|v| v.beam_log_rmse),
-            three(&|b| mean(&|v| v.reflectance_error[b])),
+            list((0..3).map(|b| mean(&|v| v.reflectance_error[b])).collect(), 3),
             100.0 * held as f64 / (3.0 * n),
-            verdicts.iter().filter(|v| v.model.identified).count(),
+            judged.iter().filter(|(v, _)| v.model.identified).count(),
+            (case.extra)(&judged),
         );
     }
     let _gone = std::fs::remove_dir_all(folder);
+}
+
+fn exponents(judged: &[Judged]) -> String {
+    let off = judged.iter().filter_map(|(v, _)| Some((v.model.spreading_exponents?[0] - 2.0).abs()));
+    format!("exponent off by {:.3} at most", off.fold(0.0, f64::max))
+}
+
+fn strobe_found(judged: &[Judged]) -> String {
+    let off = judged.iter().map(|(v, truth)| {
+        // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
+        let s: Vec<f64> = truth.strobe_position_in_base.iter().zip([0.34, -0.10, -0.12]).map(|(s, c)| s - c).collect();
+        let found = v.model.strobe.as_ref().map_or([f64::NAN; 3], |s| s.position_in_optical_m);
+        found.iter().zip([-s[1], -s[0], -s[2]]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    });
+    let off: Vec<f64> = off.collect();
+    format!("found within {:.3} m at most, {:.3} m in the mean", off.iter().copied().fold(0.0, f64::max), off.iter().sum::<f64>() / off.len() as f64)
+}
+
+fn drop_outs(judged: &[Judged]) -> String {
+    let (mut there, mut found, mut false_alarms) = (0, 0, 0);
+    for (v, truth) in judged {
+        let halved: Vec<i64> = truth.frames.iter().filter(|f| f.gain < 1.0).map(|f| f.stamp_ns as i64).collect();
+        there += halved.len();
+        found += v.model.frame_gains.iter().filter(|g| halved.contains(&g.stamp_ns)).count();
+        false_alarms += v.model.frame_gains.iter().filter(|g| !halved.contains(&g.stamp_ns)).count();
+    }
+    format!("{found} of {there} found, {false_alarms} false")
+}
+
+fn modelled(judged: &[Judged]) -> String {
+    format!("modelled in {}", judged.iter().filter(|(v, _)| v.model.backscatter.is_some()).count())
+}
+
+fn followed(judged: &[Judged]) -> String {
+    let mut largest = 0.0f64;
+    for (v, truth) in judged {
+        for f in &truth.frames {
+            let at = v.model.segments.at(Stamp(f.stamp_ns as i64));
+            for b in 0..3 {
+                let alpha = at.map_or(v.model.attenuation_per_m[b], |at| at[b]);
+                largest = largest.max((alpha / f.attenuation_per_m[b] - 1.0).abs());
+            }
+        }
+    }
+    format!("α of any frame within {:.0} %; followed in {}", 100.0 * largest, judged.iter().filter(|(v, _)| !v.model.segments.0.is_empty()).count())
 }

@@ -9,18 +9,22 @@ use crate::geometry::{NoSeafloor, SeafloorPlane, View};
 use crate::image::decode::{Light, decode};
 use crate::image::transfer::SrgbTable;
 use crate::image::{Container, LinearImage, encode};
-use crate::messages::output::{self, Level, OutputType};
+use crate::messages::output::{self, OutputType};
 use crate::messages::{Heading, Kind, heading};
 use crate::model::{ImagingModel, LightSettingFile, ModelFile};
 use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
 use crate::report::{Reason, Report};
-use crate::spaces::Direction;
 use crate::units::Stamp;
 
 use super::ordered_map::{Threads, ordered_map};
 use super::scan::Scan;
 use super::survey::Survey;
 use super::{Progress, Step};
+
+mod frame_messages;
+mod tally;
+
+use tally::Tally;
 
 /// Bytes of messages in a batch, at most; frames are bounded by the number of threads as well.
 const BATCH_BYTES: usize = 32 << 20;
@@ -338,100 +342,6 @@ impl PassTwo<'_> {
         })
     }
 
-    /// Writes all that belongs to a frame; the number of messages.
-    fn write_frame(&self, out: &mut Output, added: &Added, done: &Done, is_first: bool, tally: &Tally) -> Result<u64> {
-        let (log_time, publish_time) = (done.message.log_time, done.message.publish_time);
-        let mut count = 0;
-        let mut put = |out: &mut Output, channel: NewChannel, data: &[u8]| {
-            count += 1;
-            out.write(channel, log_time, publish_time, data)
-        };
-        let stamp = done.heading.stamp.unwrap_or(done.message.logged());
-        if is_first {
-            for (level, text) in self.opening_lines() {
-                put(out, added.log, &output::log(stamp, level, &text))?;
-            }
-            put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading))?;
-            let picture = super::beam_picture::png(&self.model.beam_pattern);
-            put(out, added.beam_picture, &output::compressed_image(&done.heading, "png", &picture))?;
-        }
-        if let Ok((payload, _)) = &done.result {
-            put(out, added.corrected, payload)?;
-            if let Some(channel) = added.camera_info {
-                put(out, channel, &output::camera_info(&done.heading, &self.survey.rig.camera.rectified()))?;
-            }
-        }
-        let (alpha, std) = self.attenuation_at(stamp);
-        let attenuation = output::headed(&done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
-        put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish())?;
-        put(out, added.plot_attenuation, &output::multi_array("red_green_blue", &alpha))?;
-        if let Some(plane) = &done.plane {
-            let rig = &self.survey.rig;
-            let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
-            let altitude = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
-            let tilt = normal.dot(&Direction::<crate::spaces::Optical>::boresight().vector()).clamp(-1.0, 1.0).acos().to_degrees();
-            let seafloor = output::headed(&done.heading)
-                .f64_array(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
-                .u32(plane.hits as u32)
-                .f64_array(&[plane.residual_m, plane.nearest_ping_s])
-                .text(plane.support.word());
-            put(out, added.seafloor, &seafloor.finish())?;
-            put(out, added.plot_altitude, &output::multi_array("camera_altitude_m", &[altitude]))?;
-            put(out, added.plot_residual, &output::multi_array("seafloor_residual_m", &[plane.residual_m]))?;
-        }
-        let (corrected, reason, facts) = match &done.result {
-            Ok((_, facts)) => (true, String::new(), *facts),
-            Err(reason) => (false, reason.to_string(), UNKNOWN),
-        };
-        let frame = output::headed(&done.heading).u8(u8::from(corrected)).text(&reason).f64_array(&[
-            facts.camera_altitude_m,
-            facts.path_length_min_m,
-            facts.path_length_mean_m,
-            facts.path_length_max_m,
-            facts.clipped_input_share,
-            facts.clipped_output_share,
-            facts.gain_capped_share,
-            facts.off_surface_share,
-            facts.unseen_beam_share,
-            facts.mean_gain,
-        ]);
-        put(out, added.frame, &frame.finish())?;
-        if let Err(reason) = &done.result
-            && tally.uncorrected.get(&reason.to_string()) == Some(&1)
-        {
-            put(out, added.log, &output::log(stamp, Level::Warn, &format!("not corrected: {reason}")))?;
-        }
-        Ok(count)
-    }
-
-    /// α and its standard deviation at a time [1/m]; NaN where it is not known.
-    fn attenuation_at(&self, stamp: Stamp) -> (Vec<f64>, Vec<f64>) {
-        let bands = self.model.bands;
-        match (self.model.over_time.at(stamp), self.model.over_time.std_at(stamp)) {
-            (Some(alpha), Some(std)) => (alpha[..bands].to_vec(), std[..bands].to_vec()),
-            _ => (self.file.attenuation_per_m.clone(), self.file.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect()),
-        }
-    }
-
-    fn opening_lines(&self) -> Vec<(Level, String)> {
-        let (alpha, kind) = (self.file.attenuation_text(), &self.file.attenuation_kind);
-        let mut lines = vec![(Level::Info, format!("{kind} attenuation {alpha} per metre, by the {} estimator", self.file.estimator))];
-        lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
-        lines.extend(self.survey.warnings.iter().chain(&self.file.warnings).map(|w| (Level::Warn, w.clone())));
-        let followed = |s: &LightSettingFile| format!("{} ({}): the frames' light follows it as {}", s.topic, s.name, s.law.word());
-        lines.extend(self.file.light_settings.iter().map(|s| (Level::Info, followed(s))));
-        lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));
-        lines
-    }
-
-    fn beam_pattern_message(&self, heading: &Heading) -> Vec<u8> {
-        let beam = &self.model.beam_pattern;
-        let nodes = beam.nodes();
-        let angles: Vec<f64> = (0..nodes.count).map(|i| nodes.angle(i).to_degrees()).collect();
-        let log_gain: Vec<f64> = beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
-        output::headed(heading).f64_sequence(&angles).f64_sequence(&angles).f64_sequence(&log_gain).finish()
-    }
-
     /// Attachments and metadata: the input's, then ours.
     fn finish(&self, mut out: Output, report: &mut Report) -> Result<()> {
         for attachment in self.recording.attachments() {
@@ -478,23 +388,6 @@ impl PassTwo<'_> {
     }
 }
 
-const UNKNOWN: FrameFacts = FrameFacts {
-    camera_altitude_m: f64::NAN,
-    path_length_min_m: f64::NAN,
-    path_length_mean_m: f64::NAN,
-    path_length_max_m: f64::NAN,
-    clipped_input_share: f64::NAN,
-    clipped_output_share: f64::NAN,
-    gain_capped_share: f64::NAN,
-    off_surface_share: f64::NAN,
-    unseen_beam_share: f64::NAN,
-    mean_gain: f64::NAN,
-};
-
-fn padded(values: &[f64]) -> [f64; 3] {
-    std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
-}
-
 /// The word of a method as the command line has it.
 pub fn method_name(method: Method) -> &'static str {
     match method {
@@ -502,49 +395,6 @@ pub fn method_name(method: Method) -> &'static str {
         Method::Attenuation => "attenuation",
         Method::BeamPattern => "beam-pattern",
         Method::FrameAverage => "frame-average",
-    }
-}
-
-/// Running counts over the frames.
-#[derive(Default)]
-struct Tally {
-    corrected: usize,
-    uncorrected: BTreeMap<String, usize>,
-    planes: BTreeMap<String, usize>,
-    altitude: Option<[f64; 2]>,
-    shares: BTreeMap<&'static str, f64>,
-}
-
-impl Tally {
-    fn count(&mut self, done: &Done) {
-        if let Some(plane) = &done.plane {
-            *self.planes.entry(plane.support.word().into()).or_default() += 1;
-        }
-        match &done.result {
-            Err(reason) => *self.uncorrected.entry(reason.to_string()).or_default() += 1,
-            Ok((_, f)) => {
-                self.corrected += 1;
-                let [low, high] = self.altitude.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
-                self.altitude = Some([low.min(f.camera_altitude_m), high.max(f.camera_altitude_m)]);
-                for (name, share) in [
-                    ("clipped_input", f.clipped_input_share),
-                    ("clipped_output", f.clipped_output_share),
-                    ("gain_capped", f.gain_capped_share),
-                    ("off_surface", f.off_surface_share),
-                    ("unseen_beam", f.unseen_beam_share),
-                ] {
-                    *self.shares.entry(name).or_default() += share;
-                }
-            }
-        }
-    }
-
-    fn into_report(self, report: &mut Report) {
-        report.corrected = self.corrected;
-        report.uncorrected = self.uncorrected;
-        report.planes = self.planes;
-        report.camera_altitude_m = self.altitude;
-        report.mean_shares = self.shares.into_iter().map(|(k, v)| (k.into(), v / self.corrected.max(1) as f64)).collect();
     }
 }
 

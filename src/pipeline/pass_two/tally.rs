@@ -1,0 +1,49 @@
+//! Running counts of pass two, for the report.
+
+use std::collections::BTreeMap;
+
+use super::Done;
+use crate::report::Report;
+
+/// Running counts over the frames.
+#[derive(Default)]
+pub struct Tally {
+    pub corrected: usize,
+    pub uncorrected: BTreeMap<String, usize>,
+    planes: BTreeMap<String, usize>,
+    altitude: Option<[f64; 2]>,
+    shares: BTreeMap<&'static str, f64>,
+}
+
+impl Tally {
+    pub fn count(&mut self, done: &Done) {
+        if let Some(plane) = &done.plane {
+            *self.planes.entry(plane.support.word().into()).or_default() += 1;
+        }
+        match &done.result {
+            Err(reason) => *self.uncorrected.entry(reason.to_string()).or_default() += 1,
+            Ok((_, f)) => {
+                self.corrected += 1;
+                let [low, high] = self.altitude.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
+                self.altitude = Some([low.min(f.camera_altitude_m), high.max(f.camera_altitude_m)]);
+                for (name, share) in [
+                    ("clipped_input", f.clipped_input_share),
+                    ("clipped_output", f.clipped_output_share),
+                    ("gain_capped", f.gain_capped_share),
+                    ("off_surface", f.off_surface_share),
+                    ("unseen_beam", f.unseen_beam_share),
+                ] {
+                    *self.shares.entry(name).or_default() += share;
+                }
+            }
+        }
+    }
+
+    pub fn into_report(self, report: &mut Report) {
+        report.corrected = self.corrected;
+        report.uncorrected = self.uncorrected;
+        report.planes = self.planes;
+        report.camera_altitude_m = self.altitude;
+        report.mean_shares = self.shares.into_iter().map(|(k, v)| (k.into(), v / self.corrected.max(1) as f64)).collect();
+    }
+}
