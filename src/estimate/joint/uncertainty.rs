@@ -6,8 +6,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Problem;
 
-/// Stretches of frames whose errors are taken to be independent.
-const STRETCHES: usize = 12;
+/// Frames of a stretch: neighbours share pings, so their errors are alike.
+const FRAMES_PER_STRETCH: usize = 5;
+/// Stretches whose errors are taken to be independent.
+const STRETCHES: (usize, usize) = (6, 20);
 
 impl Problem<'_> {
     /// Covariance of the unknowns from `first` on.
@@ -15,7 +17,7 @@ impl Problem<'_> {
         let (unknowns, frames) = (self.columns.count(), self.setting.frames);
         let (normal, whole) = self.normal_equations(&self.smoothness());
         let values = normal.clone().cholesky()?.solve(&whole);
-        let stretches = STRETCHES.min(frames).max(2);
+        let stretches = (frames / FRAMES_PER_STRETCH).clamp(STRETCHES.0, STRETCHES.1);
         let mut parts = vec![(DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns)); stretches];
         for track in self.tracks() {
             // A track belongs where its middle view is.
@@ -30,7 +32,7 @@ impl Problem<'_> {
             let step = (without - &values).rows(first, unknowns - first).into_owned();
             covariance += &step * step.transpose() * ((n - 1.0) / n);
         }
-        // Few stretches: their own spread is uncertain, by Student's factor (about 1.12 for twelve).
+        // Few stretches: their own spread is uncertain, by Student's factor (about 1.19 for eight).
         Some(covariance * (1.0 + 1.3 / (n - 1.0)).powi(2))
     }
 }
