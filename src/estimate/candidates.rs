@@ -42,6 +42,11 @@ impl Candidate {
     }
 }
 
+/// What a whole log gets wrong alike (compression, interpolation of pings, the grid of the beam) no spread within the log
+/// shows. On rendered dives it is about this much in α, and half of it in differences between bands [1/m].
+const COMMON_ERROR_PER_M: f64 = 0.001;
+const COMMON_DIFFERENCE_ERROR_PER_M: f64 = 0.0005;
+
 pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
     if samples.tracks.len() < config.least_pairs {
         return Err(format!("{} points seen more than once; {} are needed", samples.tracks.len(), config.least_pairs));
@@ -60,6 +65,10 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
     };
     let answer = joint::solve(tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
         .ok_or("the points seen more than once do not hold the unknowns")?;
+    let mut answer = answer;
+    answer.std_per_m.iter_mut().take(bands).for_each(|s| *s = s.hypot(COMMON_ERROR_PER_M));
+    answer.difference_std_per_m.iter_mut().for_each(|s| *s = s.hypot(COMMON_DIFFERENCE_ERROR_PER_M));
+    answer.over_time.iter_mut().flat_map(|(_, std)| std.iter_mut().take(bands)).for_each(|s| *s = s.hypot(COMMON_ERROR_PER_M));
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
     let beam_pattern = completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
     let over_time = samples.drift.map(|d| {
