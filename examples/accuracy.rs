@@ -4,6 +4,8 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use support::judge::{Verdict, run};
 use support::render::{Dive, Sensor, Truth};
 use unwater::config::{Config, Estimator, Spreading, Switch};
@@ -59,7 +61,14 @@ fn main() {
     for case in CASES.iter().filter(|c| c.name.starts_with(&wanted)) {
         let mut options = Options { config: base.clone(), ..Options::default() };
         (case.change)(&mut options.config);
-        let judged: Vec<Judged> = (1..=seeds).map(|seed| run(&(case.dive)(seed), &options, &folder)).collect();
+        options.threads = 1;
+        let judged = on_all_cores(seeds, |seed| {
+            let own = folder.join(seed.to_string());
+            std::fs::create_dir_all(&own).expect("a folder");
+            let judged = run(&(case.dive)(seed), &options, &own);
+            std::fs::remove_dir_all(own).expect("an emptied folder");
+            judged
+        });
         let n = judged.len() as f64;
         let mean = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|(v, _)| f(v)).sum::<f64>() / n;
         let largest = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|(v, _)| f(v).abs()).fold(0.0, f64::max);
@@ -83,6 +92,28 @@ fn main() {
         );
     }
     let _gone = std::fs::remove_dir_all(folder);
+}
+
+/// A dive a core; the results in the order of the seeds.
+fn on_all_cores(seeds: u64, work: impl Fn(u64) -> Judged + Sync) -> Vec<Judged> {
+    let next = AtomicU64::new(1);
+    let worker = || {
+        let mut done = Vec::new();
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed > seeds {
+                return done;
+            }
+            done.push((seed, work(seed)));
+        }
+    };
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut done: Vec<(u64, Judged)> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..cores).map(|_| scope.spawn(worker)).collect();
+        workers.into_iter().flat_map(|w| w.join().expect("a worker that ends")).collect()
+    });
+    done.sort_by_key(|(seed, _)| *seed);
+    done.into_iter().map(|(_, judged)| judged).collect()
 }
 
 fn exponents(judged: &[Judged]) -> String {

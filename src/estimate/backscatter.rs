@@ -37,6 +37,8 @@ pub struct FoundBackscatter {
     pub improvement: f64,
     /// median share of scattered light in what tracked points send, per band
     pub share: Bands,
+    /// α with it modelled, roughly [1/m]
+    pub attenuation_per_m: Bands,
     table: GlowTable,
 }
 
@@ -123,15 +125,16 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let (backscatter, std_per_m) = answer.backscatter?;
     let is_sure = (0..setting.bands).any(|b| backscatter.strength_per_m[b] > SURE * std_per_m[b]);
     let improvement = held_out::improvement(&held_out::misfits(samples.tracks, &plain, mount, paths)?, &with);
-    let mut found = FoundBackscatter { backscatter, std_per_m, improvement, share: [0.0; 3], table };
+    let attenuation_per_m = answer.attenuation_per_m;
+    let mut found = FoundBackscatter { backscatter, std_per_m, improvement, share: [0.0; 3], attenuation_per_m, table };
     for b in 0..setting.bands {
         let share = |o: &Observation| backscatter.light(&found.glow(samples, &o.sight))[b] / f64::from(o.sight.log_color[b]).exp();
         found.share[b] = robust::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
     }
     let is_there = match setting.config.backscatter {
-        Switch::Off => false,
         Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),
-        Switch::Auto => is_sure && improvement > LEAST_IMPROVEMENT,
+        // Where it is not to be modelled, it is still told that it is there.
+        Switch::Auto | Switch::Off => is_sure && improvement > LEAST_IMPROVEMENT,
     };
     is_there.then_some(found)
 }

@@ -42,10 +42,38 @@ impl Candidate {
     }
 }
 
-/// What a whole log gets wrong alike (compression, interpolation of pings, the grid of the beam) no spread within the log
-/// shows. On rendered dives it is about this much in α, and half of it in differences between bands [1/m].
+/// What a whole log gets wrong alike no spread within it shows. Interpolation of pings and the grid of the beam: about
+/// this much in α on rendered dives, and half of it in differences between bands [1/m].
 const COMMON_ERROR_PER_M: f64 = 0.001;
-const COMMON_DIFFERENCE_ERROR_PER_M: f64 = 0.0005;
+/// An 8-bit picture's mean may be off by this part of a code, and a JPEG's is: what its colours are rounded to is seldom
+/// even. Bright light hardly feels it, dark light does.
+const COMMON_CODE_ERROR: f64 = 0.1;
+/// Rounds of a solve of which only the size of a difference is wanted.
+const FEW_ROUNDS: usize = 4;
+/// What the form of scattered light may be wrong by, as a share of what it does to α.
+const SCATTERING_FORM_ERROR: f64 = 0.1;
+
+/// What α and its differences between bands may be wrong by in a whole log alike [1/m].
+fn common_errors(samples: &Samples<'_>, without_glow: Option<Bands>, alpha: &Bands) -> (Bands, [f64; 2]) {
+    let by_codes: Bands = std::array::from_fn(|b| if b < samples.bands() { code_error_per_m(samples, b) } else { 0.0 });
+    let by_glow: Bands = std::array::from_fn(|b| without_glow.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b])));
+    let of_band = |b: usize| COMMON_ERROR_PER_M.hypot(by_codes[b]).hypot(by_glow[b]);
+    let between = |b: usize| (COMMON_ERROR_PER_M / 2.0).hypot(by_codes[b]).hypot(by_codes[b + 1]).hypot(by_glow[b] - by_glow[b + 1]);
+    (std::array::from_fn(of_band), std::array::from_fn(between))
+}
+
+/// Slope over path length of what a part of a code is in log light: α takes it up [1/m].
+fn code_error_per_m(samples: &Samples<'_>, band: usize) -> f64 {
+    // The sRGB curve, which is near any gamma: light ∝ code^2.4.
+    let log_light = |o: &Observation| COMMON_CODE_ERROR * 2.4 / (255.0 * 1.055) * (-f64::from(o.sight.log_color[band]) / 2.4).exp();
+    let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
+    let coded = tracks.iter().flatten().filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit));
+    let points = coded.filter_map(|o| Some((samples.path(o)?.length_m(), log_light(o))));
+    let (n, sum_l, sum_e, sum_ll, sum_le) =
+        points.fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y)| (n + 1.0, l + x, e + y, ll + x * x, le + x * y));
+    let variance = sum_ll - sum_l * sum_l / f64::max(n, 1.0);
+    if variance > 0.0 { ((sum_le - sum_l * sum_e / n) / variance).abs() } else { 0.0 }
+}
 
 pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
     if samples.tracks.len() < config.least_pairs {
@@ -66,9 +94,14 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
     let answer = joint::solve(tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
         .ok_or("the points seen more than once do not hold the unknowns")?;
     let mut answer = answer;
-    answer.std_per_m.iter_mut().take(bands).for_each(|s| *s = s.hypot(COMMON_ERROR_PER_M));
-    answer.difference_std_per_m.iter_mut().for_each(|s| *s = s.hypot(COMMON_DIFFERENCE_ERROR_PER_M));
-    answer.over_time.iter_mut().flat_map(|(_, std)| std.iter_mut().take(bands)).for_each(|s| *s = s.hypot(COMMON_ERROR_PER_M));
+    let plain = joint::Setting { glow: None, rounds: FEW_ROUNDS, ..setting };
+    let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount)));
+    let (common, between) = common_errors(samples, without_glow.map(|a| a.attenuation_per_m), &answer.attenuation_per_m);
+    for b in 0..bands {
+        answer.std_per_m[b] = answer.std_per_m[b].hypot(common[b]);
+        answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common[b]));
+    }
+    answer.difference_std_per_m.iter_mut().zip(between).for_each(|(s, common)| *s = s.hypot(common));
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
     let beam_pattern = completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
     let over_time = samples.drift.map(|d| {
@@ -198,6 +231,9 @@ fn settled(before: &Bands, after: &Bands) -> bool {
 /// α of the lower half of the frames may differ from that of all by this much, whatever the noise says [1/m].
 const LEAST_PARTING_PER_M: f64 = 0.03;
 
+/// Scattered light that is not modelled may change α by this share.
+const UNMODELLED_SHARE: f64 = 0.1;
+
 /// Why the number cannot be trusted, if it cannot.
 pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &EstimateConfig) -> Option<String> {
     let model = &candidate.model;
@@ -211,6 +247,13 @@ pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Est
         return Some(format!(
             "points are seen from nearly the same distance (path lengths differ by {:.3} m)",
             candidate.path_spread_m.unwrap_or_default()
+        ));
+    }
+    let parted = |with: &Bands| (0..model.bands).find(|b| (with[*b] - model.attenuation_per_m[*b]).abs() > UNMODELLED_SHARE * with[*b].abs());
+    if let Some((with, b)) = samples.unmodelled_glow.and_then(|with| Some((with, parted(&with)?))) {
+        return Some(format!(
+            "the water scatters light back, which is not modelled: with it {:.3} per metre would be {:.3}; leave --backscatter off away",
+            model.attenuation_per_m[b], with[b]
         ));
     }
     if let Some((low, low_std)) = &candidate.low {

@@ -75,6 +75,8 @@ pub struct Samples<'s> {
     pub glow: Option<(&'s FoundBackscatter, &'s [Track])>,
     /// nodes of α in time
     pub drift: Option<&'s FoundDrift>,
+    /// α if what the water scatters back were modelled, where it is there and is not to be [1/m]
+    pub unmodelled_glow: Option<Bands>,
 }
 
 impl<'s> Samples<'s> {
@@ -84,7 +86,7 @@ impl<'s> Samples<'s> {
         body_from_optical: Transform<Body, Optical>,
         body_from_strobe: Transform<Body, Strobe>,
     ) -> Self {
-        Self { frames, tracks, body_from_optical, body_from_strobe, strobe_is_found: false, glow: None, drift: None }
+        Self { frames, tracks, body_from_optical, body_from_strobe, strobe_is_found: false, glow: None, drift: None, unmodelled_glow: None }
     }
 
     /// A sight's ray: x/z, y/z in the image plane, and ℓ_s [m].
@@ -200,12 +202,17 @@ pub fn understand(
     let moves = config.strobe_position != StrobePosition::Fixed && (!given.1 || config.strobe_position != StrobePosition::Auto);
     let mut backscatter = None;
     let mut freed: Option<(Vec<FrameSamples>, Vec<Track>)> = None;
+    let mut unmodelled = None;
     for _ in 0..TURNS {
-        if config.backscatter == Switch::Off || !can_tell {
+        if !can_tell {
             break;
         }
         let placed = Samples { body_from_strobe: strobe.body_from_strobe, ..lit };
         let Some(found) = backscatter::find(&placed, &lit.setting(nodes, config)) else { break };
+        if config.backscatter == Switch::Off {
+            unmodelled = Some(found.attenuation_per_m);
+            break;
+        }
         let off = found.taken_off(&placed);
         let before = strobe.body_from_strobe.origin().vector();
         let start = if moves { strobe.body_from_strobe } else { given.0 };
@@ -222,6 +229,7 @@ pub fn understand(
     (all.strobe_is_found, all.glow) = (strobe.source.is_some(), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
     let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
     all.drift = drift.as_ref();
+    all.unmodelled_glow = unmodelled;
     let estimate = estimate(&all, config)?;
     let backscatter = backscatter.map(|mut found| {
         found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);

@@ -69,6 +69,8 @@ pub struct FrameSamples {
     pub grid: Vec<(u32, Sight)>,
     /// mean linear light per band over the frame
     pub mean_light: [f64; 3],
+    /// whether the picture came as codes of 8 bits
+    pub eight_bit: bool,
 }
 
 impl FrameSamples {
@@ -110,6 +112,7 @@ pub fn samples(
         sights: Vec::new(),
         grid: grid(image, view, config),
         mean_light: [0.0; 3],
+        eight_bit: false,
     };
     let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);
     taken.mean_light = whole.mean.map(f64::from);

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, MatchedPair, matches, samples};
 use crate::geometry::View;
 use crate::image::SensorImage;
-use crate::image::decode::{Light, decode};
+use crate::image::decode::{Decoded, Light, decode};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Entry, Message, Recording, Window};
 
@@ -76,12 +76,13 @@ pub fn collect(
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
     let work = |(index, message): (usize, Message)| {
         let decoder = scan.decoders.get(&message.channel)?;
-        let image = decoded(decoder, &message, survey, config).ok()?;
+        let (image, bits) = decoded(decoder, &message, survey, config).ok()?;
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane };
-        let taken = samples((index, stamp), &image, &view, with_keypoints, &config.matching, &config.estimate);
+        let mut taken = samples((index, stamp), &image, &view, with_keypoints, &config.matching, &config.estimate);
+        taken.eight_bit = bits <= 8;
         Some((taken, wants_average.then(|| image.into_bands())))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
@@ -109,14 +110,14 @@ pub fn collect(
     Ok(collected)
 }
 
-/// Decodes a camera's message into linear light.
-fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<SensorImage, String> {
+/// Decodes a camera's message into linear light; and the bits of its codes.
+fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<(SensorImage, u8), String> {
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
     let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
-    let mut image = decode(&read(&value)?, light)?.image;
+    let Decoded { mut image, coding } = decode(&read(&value)?, light)?;
     survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
-    Ok(image)
+    Ok((image, coding.bits))
 }
 
 fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<MatchedPair>> {

@@ -35,7 +35,7 @@ const LEAST_NODE_WEIGHT: f64 = 3.0;
 /// Where less than this share of a band's light is direct, it is no measurement any more.
 pub const LEAST_DIRECT_SHARE: f64 = 0.05;
 /// b stays below this quantile of c / S: hardly a point is darker than the water before it.
-const DARKEST: f64 = 0.002;
+const DARKEST: f64 = 0.02;
 /// Brightness classes of the noise.
 const NOISE_CLASSES: usize = 6;
 
@@ -149,6 +149,8 @@ pub struct Problem<'s> {
     back: Backscatter,
     /// most that b may be
     most_scattered: Bands,
+    /// bands whose b stands at a bound
+    held: [bool; 3],
 }
 
 /// A solution and what is left over.
@@ -208,7 +210,7 @@ impl<'s> Problem<'s> {
         let weights = rows.iter().map(|r| r.direct_share.map(|d| d * d)).collect();
         let enough = rows.len() >= 2 * (columns.beam_nodes() + bands).min(100) && ends.len() >= 30;
         let back = setting.glow.map_or(Backscatter::NONE, |(back, _)| *back);
-        enough.then_some(Self { setting: *setting, most_scattered: darkest(&rows, &back), rows, ends, columns, weights, back })
+        enough.then_some(Self { setting: *setting, most_scattered: darkest(&rows, &back), rows, ends, columns, weights, back, held: [false; 3] })
     }
 
     /// What a solution says, without how sure it is.

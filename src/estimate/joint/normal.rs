@@ -8,6 +8,8 @@ use super::super::robust;
 use super::{LEAST_DIRECT_SHARE, NOISE_CLASSES, Problem, Row, Solution};
 use crate::model::SHAPES;
 
+/// A held unknown is this much stiffer than the rows make it.
+const HOLDING: f64 = 1e6;
 /// Weight of the second difference of α in time: it bends by 0.005 per metre from node to node, for a misfit of 0.01.
 const TIME_BENDS: f64 = 4.0;
 /// Weight of the first: no more than holds a stretch that no track tells of.
@@ -63,8 +65,11 @@ impl Problem<'_> {
         };
         for b in 0..self.setting.bands {
             if let Some(i) = self.columns.glow(b) {
-                self.back.strength_per_m[b] = (self.back.strength_per_m[b] + values[i]).clamp(0.0, self.most_scattered[b]);
-                values[i] = 0.0;
+                let (step, now) = (std::mem::take(&mut values[i]), &mut self.back.strength_per_m[b]);
+                let wanted = *now + if self.held[b] { step * HOLDING } else { step };
+                *now = wanted.clamp(0.0, self.most_scattered[b]);
+                // At a bound its column is held, or it would go on taking part of α with it.
+                self.held[b] = *now != wanted;
             }
         }
         let step = std::array::from_fn(|k| self.columns.shape(k).map_or(0.0, |i| std::mem::take(&mut values[i])));
@@ -129,43 +134,12 @@ impl Problem<'_> {
 
     /// Normal matrix and right-hand side of all tracks, over `smooth`.
     pub fn normal_equations(&self, smooth: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
-        let (mut matrix, mut right) = (smooth.clone(), DVector::zeros(self.columns.count()));
-        for track in self.tracks() {
-            self.add_track(track, &mut matrix, &mut right);
+        let mut sums = Normal::new(smooth.clone());
+        self.tracks().for_each(|track| sums.add(self, track));
+        for i in (0..self.setting.bands).filter(|b| self.held[*b]).filter_map(|b| self.columns.glow(b)) {
+            sums.matrix[(i, i)] += sums.matrix[(i, i)] * HOLDING;
         }
-        (matrix, right)
-    }
-
-    /// Adds one track with its reflectance eliminated.
-    pub fn add_track(&self, track: Range<usize>, matrix: &mut DMatrix<f64>, right: &mut DVector<f64>) {
-        let mut sum: Vec<(usize, f64)> = Vec::new();
-        for b in 0..self.setting.bands {
-            sum.clear();
-            let (mut total, mut total_y) = (0.0, 0.0);
-            for (row, weight) in self.rows[track.clone()].iter().zip(&self.weights[track.clone()]) {
-                let (w, entries) = (weight[b], self.columns.entries(&self.setting, &self.back, row, b));
-                for (p, x) in entries.iter() {
-                    right[*p] += w * x * row.y[b];
-                    for (q, z) in entries.iter() {
-                        matrix[(*p, *q)] += w * x * z;
-                    }
-                    match sum.iter_mut().find(|(k, _)| k == p) {
-                        Some((_, s)) => *s += w * x,
-                        None => sum.push((*p, w * x)),
-                    }
-                }
-                total += w;
-                total_y += w * row.y[b];
-            }
-            if total > 1e-12 {
-                for (p, x) in &sum {
-                    right[*p] -= x * total_y / total;
-                    for (q, z) in &sum {
-                        matrix[(*p, *q)] -= x * z / total;
-                    }
-                }
-            }
-        }
+        (sums.matrix, sums.right)
     }
 
     /// y − ρ − model per observation and band, in log c, raised for the freedom that ρ took.
@@ -186,6 +160,59 @@ impl Problem<'_> {
             }
         }
         misfits
+    }
+}
+
+/// A normal matrix, of which the lower triangle is filled, and its right-hand side, as tracks are added.
+pub struct Normal {
+    pub matrix: DMatrix<f64>,
+    pub right: DVector<f64>,
+    /// Σ w x per unknown of the track in hand and band
+    sums: Vec<(usize, [f64; 3])>,
+    /// unknown → where in `sums`
+    slots: Vec<usize>,
+}
+
+impl Normal {
+    /// Nothing but `matrix`.
+    pub fn new(matrix: DMatrix<f64>) -> Self {
+        let unknowns = matrix.nrows();
+        Self { matrix, right: DVector::zeros(unknowns), sums: Vec::new(), slots: vec![usize::MAX; unknowns] }
+    }
+
+    /// Adds one track with its reflectance eliminated.
+    pub fn add(&mut self, problem: &Problem<'_>, track: Range<usize>) {
+        let (mut total, mut total_y) = ([0.0; 3], [0.0; 3]);
+        for (row, weight) in problem.rows[track.clone()].iter().zip(&problem.weights[track]) {
+            for b in 0..problem.setting.bands {
+                let (w, entries) = (weight[b], problem.columns.entries(&problem.setting, &problem.back, row, b));
+                for (k, (p, x)) in entries.iter().enumerate() {
+                    self.right[*p] += w * x * row.y[b];
+                    for (q, z) in &entries[..=k] {
+                        self.matrix[(*p.max(q), *p.min(q))] += w * x * z;
+                    }
+                    let slot = &mut self.slots[*p];
+                    if *slot == usize::MAX {
+                        *slot = self.sums.len();
+                        self.sums.push((*p, [0.0; 3]));
+                    }
+                    self.sums[*slot].1[b] += w * x;
+                }
+                total[b] += w;
+                total_y[b] += w * row.y[b];
+            }
+        }
+        let per_total = total.map(|t| if t > 1e-12 { 1.0 / t } else { 0.0 });
+        self.sums.sort_unstable_by_key(|(p, _)| *p);
+        for (k, (p, x)) in self.sums.iter().enumerate() {
+            let x: [f64; 3] = std::array::from_fn(|b| x[b] * per_total[b]);
+            self.right[*p] -= x[0] * total_y[0] + x[1] * total_y[1] + x[2] * total_y[2];
+            for (q, z) in &self.sums[..=k] {
+                self.matrix[(*p, *q)] -= x[0] * z[0] + x[1] * z[1] + x[2] * z[2];
+            }
+            self.slots[*p] = usize::MAX;
+        }
+        self.sums.clear();
     }
 }
 

@@ -2,9 +2,10 @@
 //! not count as independent: tracks are taken in stretches of frames, each stretch is left out in turn, and the
 //! spread of the answers is the standard deviation (a jackknife over blocks, with the weights held).
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::Problem;
+use super::normal::Normal;
 
 /// Frames of a stretch: neighbours share pings, so their errors are alike.
 const FRAMES_PER_STRETCH: usize = 5;
@@ -18,16 +19,15 @@ impl Problem<'_> {
         let (normal, whole) = self.normal_equations(&self.smoothness());
         let values = normal.clone().cholesky()?.solve(&whole);
         let stretches = (frames / FRAMES_PER_STRETCH).clamp(STRETCHES.0, STRETCHES.1);
-        let mut parts = vec![(DMatrix::zeros(unknowns, unknowns), DVector::zeros(unknowns)); stretches];
+        let mut parts: Vec<Normal> = (0..stretches).map(|_| Normal::new(DMatrix::zeros(unknowns, unknowns))).collect();
         for track in self.tracks() {
             // A track belongs where its middle view is.
             let frame = self.rows[(track.start + track.end) / 2].frame as usize;
-            let (matrix, right) = &mut parts[(frame * stretches / frames.max(1)).min(stretches - 1)];
-            self.add_track(track, matrix, right);
+            parts[(frame * stretches / frames.max(1)).min(stretches - 1)].add(self, track);
         }
         let mut covariance = DMatrix::zeros(unknowns - first, unknowns - first);
         let n = stretches as f64;
-        for (matrix, right) in parts {
+        for Normal { matrix, right, .. } in parts {
             let without = (&normal - matrix).cholesky()?.solve(&(&whole - right));
             let step = (without - &values).rows(first, unknowns - first).into_owned();
             covariance += &step * step.transpose() * ((n - 1.0) / n);
