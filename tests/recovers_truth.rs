@@ -212,3 +212,24 @@ fn a_single_altitude_is_called_not_identified() {
         v.report.warnings
     );
 }
+
+#[test]
+fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
+    let dive = Dive { seed: 141, frames: 40, ..Dive::default() };
+    let told = |v: &support::judge::Verdict| v.report.warnings.iter().filter(|w| w.contains("contradicts")).cloned().collect::<Vec<_>>();
+    let (v, _) = judged(&dive, &Options::default());
+    assert!(told(&v).is_empty(), "{:?}", told(&v));
+
+    let late = Options { rig: toml::from_str("[time_offset_s]\n\"/camera/image_raw\" = 0.2\n").expect("a rig"), ..Options::default() };
+    let (v, _) = judged(&dive, &late);
+    let check = v.model.mount_check.as_ref().expect("a check");
+    assert!((check.clock_offset_s + 0.2).abs() < 0.03, "{check:?}");
+    assert!(told(&v).iter().any(|w| w.contains("camera's clock") && w.contains("time_offset_s")), "{:?}", told(&v));
+
+    // Pitched by 2° in the vehicle (y to port) is 2° too far about the camera's x (to starboard) the other way.
+    let mount = "[dvl.mount]\ntranslation_m = [-0.08, 0.15, -0.16]\nroll_pitch_yaw_deg = [180.0, 2.0, 0.0]\n";
+    let (v, _) = judged(&dive, &Options { rig: toml::from_str(mount).expect("a rig"), ..Options::default() });
+    let check = v.model.mount_check.as_ref().expect("a check");
+    assert!((check.turn_deg[0] - 2.0).abs() < 0.5 && check.turn_deg[1].abs() < 0.5, "{check:?}");
+    assert!(told(&v).iter().any(|w| w.contains("dvl.mount")), "{:?}", told(&v));
+}

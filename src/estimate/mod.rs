@@ -9,6 +9,7 @@ mod altitude_slope;
 mod angular_bins;
 mod backscatter;
 mod candidates;
+mod descent;
 mod drift;
 mod frame_gains;
 mod held_out;
@@ -16,6 +17,7 @@ mod joint;
 mod keypoints;
 mod light_settings;
 mod matching;
+mod mount_search;
 mod pairs;
 pub mod robust;
 mod samples;
@@ -24,10 +26,13 @@ mod tracks;
 
 use std::collections::BTreeMap;
 
+use nalgebra::Vector3;
+
 pub use backscatter::FoundBackscatter;
 pub use light_settings::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
-pub use samples::{FrameSamples, Sight, samples};
+pub use mount_search::FoundMounts;
+pub use samples::{FrameSamples, PLANES_AROUND_S, Sight, samples};
 pub use strobe_search::{FoundStrobe, PlacedStrobe};
 pub use tracks::{Observation, Track, tracks};
 
@@ -39,6 +44,7 @@ use crate::model::{BeamPattern, EstimatorAnswer, ImagingModel, Nodes, SpreadingM
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
 use drift::FoundDrift;
+use mount_search::check_mounts;
 
 /// The light path of an observation, for the strobe mount in hand.
 pub type SamplePath<'f> = dyn Fn(&Observation) -> Option<LightPath> + 'f;
@@ -158,6 +164,8 @@ pub struct Understood {
     pub followed: Vec<FollowedSetting>,
     /// per frame: log of its light over its neighbours', 0 but for drop-outs
     pub log_gains: Vec<f64>,
+    /// what fits better than the camera's clock and the instrument's mount as given
+    pub mounts: Option<FoundMounts>,
     /// the samples as the model saw them: evenly lit, freed of what was scattered back
     pub frames: Vec<FrameSamples>,
 }
@@ -167,7 +175,8 @@ const TURNS: usize = 3;
 
 /// Samples → model: the strobe is placed, frames lit unevenly are set right, what the water scatters back is taken off,
 /// and then attenuation and beam pattern are estimated. `given` is the strobe's mount, and whether it was measured;
-/// `settings` are what camera and strobe were set to, each a number per frame.
+/// `settings` are what camera and strobe were set to, each a number per frame; `instrument` is where the range instrument
+/// sits in the body [m].
 ///
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen estimator, or all, cannot answer.
@@ -177,6 +186,7 @@ pub fn understand(
     body_from_optical: Transform<Body, Optical>,
     given: (Transform<Body, Strobe>, bool),
     settings: &[Vec<f64>],
+    instrument: Vector3<f64>,
     config: &EstimateConfig,
 ) -> Result<Understood> {
     let followed = light_settings::followed(&frames, &tracks, settings);
@@ -227,6 +237,7 @@ pub fn understand(
     let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
     let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.body_from_strobe);
     (all.strobe_is_found, all.glow) = (strobe.source.is_some(), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
+    let mounts = check_mounts(&all, instrument, config);
     let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
     all.drift = drift.as_ref();
     all.unmodelled_glow = unmodelled;
@@ -235,7 +246,7 @@ pub fn understand(
         found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);
         found
     });
-    Ok(Understood { estimate, strobe, backscatter, followed, log_gains, frames })
+    Ok(Understood { estimate, strobe, backscatter, followed, log_gains, mounts, frames })
 }
 
 /// Runs the estimators and chooses among them.

@@ -71,7 +71,14 @@ pub struct FrameSamples {
     pub mean_light: [f64; 3],
     /// whether the picture came as codes of 8 bits
     pub eight_bit: bool,
+    /// the plane's distance from the body's origin [m]
+    pub distance_m: f64,
+    /// the planes that many seconds earlier and later, where there are any
+    pub planes_around: Option<[(Direction<Body>, f64); 2]>,
 }
+
+/// Seconds from a frame to the planes around it.
+pub const PLANES_AROUND_S: f64 = 0.3;
 
 impl FrameSamples {
     /// The same frame with another grid, and without its keypoints.
@@ -113,6 +120,8 @@ pub fn samples(
         grid: grid(image, view, config),
         mean_light: [0.0; 3],
         eight_bit: false,
+        distance_m: view.plane.distance_m,
+        planes_around: None,
     };
     let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);
     taken.mean_light = whole.mean.map(f64::from);

@@ -1,15 +1,16 @@
 //! The strobe that nobody measured: its place from the log itself.
 //!
 //! No public recording holds a strobe's pose, but the residual of the joint solve knows it: 0.2 m fore-and-aft nearly
-//! doubles it. The place, three numbers, joins the unknowns to first order; a step is taken where the residual falls, and
-//! halved where it does not (Gauss-Newton, the pattern solved anew at each place). The orientation does not matter: the
+//! doubles it. The place, three numbers, joins the unknowns to first order; a step is taken where the residual
+//! falls (`descent`), the pattern solved anew at each place. The orientation does not matter: the
 //! pattern's grid takes it up. From nothing, the search begins at the best of a few places around the camera.
 //! In: tracks. Out: the place in body space [m], its standard deviation, and the residual there.
 
 use nalgebra::Vector3;
 
 use super::Samples;
-use super::joint::{PathFor, Problem, Setting};
+use super::descent::{Lowest, descend};
+use super::joint::{PathFor, Problem, Setting, strobe_places};
 use super::tracks::Track;
 use crate::config::{EstimateConfig, StrobePosition};
 use crate::model::Nodes;
@@ -18,10 +19,7 @@ use crate::spaces::{Body, Strobe, Transform};
 /// Places tried around the camera before the search begins [m].
 const FIRST_RING_M: f64 = 0.6;
 /// Observations that hold three numbers well enough; more only cost time.
-const MOST_OBSERVATIONS: usize = 16_000;
-const STEPS: usize = 25;
-const LONGEST_STEP_M: f64 = 0.25;
-const SETTLED_M: f64 = 5e-4;
+pub const MOST_OBSERVATIONS: usize = 16_000;
 
 /// Where the light was found.
 #[derive(Clone, Debug)]
@@ -120,25 +118,12 @@ fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Transform<Body,
             }
         }
     }
-    let mut std_m = Vector3::repeat(f64::NAN);
-    for _ in 0..STEPS {
+    let asked_at = |place: Vector3<f64>| {
         let mut problem = Problem::new(&some, setting, at(place), paths)?;
         let solution = problem.solve(setting.rounds)?;
-        let asked = problem.strobe_step(&some, at(place), paths, &solution)?;
-        std_m = asked.std_m;
-        let mut step = asked.step_m * (LONGEST_STEP_M / asked.step_m.norm()).min(1.0);
-        let mut taken = false;
-        for _ in 0..5 {
-            if let Some(r) = residual_at(place + step).filter(|r| *r < residual) {
-                (place, residual, taken) = (place + step, r, true);
-                break;
-            }
-            step *= 0.4;
-        }
-        if !taken || step.norm() < SETTLED_M {
-            break;
-        }
-    }
+        problem.place_step(&some, &strobe_places(at(place), paths), &solution)
+    };
+    let Lowest { place, std, residual } = descend((place, residual), &residual_at, &asked_at)?;
     let moved_m = (place - start.origin().vector()).norm();
-    Some(FoundStrobe { body_from_strobe: at(place), std_m: std_m.into(), residual: [first, residual], moved_m })
+    Some(FoundStrobe { body_from_strobe: at(place), std_m: std.into(), residual: [first, residual], moved_m })
 }

@@ -94,6 +94,21 @@ pub struct InputFile {
     pub frames: usize,
 }
 
+/// What fits the log's light better than the camera's clock and the range instrument's mount as they were given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MountCheckFile {
+    /// to add to the camera's stamps [s]
+    pub clock_offset_s: f64,
+    /// its standard deviation [s]
+    pub clock_offset_std_s: f64,
+    /// turn of the planes about the camera's x and y axes [deg]
+    pub turn_deg: [f64; 2],
+    /// standard deviations of those [deg]
+    pub turn_std_deg: [f64; 2],
+    /// residual as given, and with these [log light]
+    pub residual: [f64; 2],
+}
+
 /// Light that the water scatters back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BackscatterFile {
@@ -147,6 +162,9 @@ pub struct ModelFile {
     /// where the light sits
     #[serde(default)]
     pub strobe: Option<StrobeFile>,
+    /// what the log says against the camera's clock and the range instrument's mount
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mount_check: Option<MountCheckFile>,
     /// what the water scatters back; `null` where the log shows none
     #[serde(default)]
     pub backscatter: Option<BackscatterFile>,

@@ -21,7 +21,9 @@ mod light_setting;
 pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
 pub use beam_pattern::{BeamPattern, Nodes};
 pub use drift::{AttenuationOverTime, TimeNode};
-pub use file::{BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, RenderingFile, StrobeFile};
+pub use file::{
+    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
+};
 pub use light_setting::{LightLaw, LightSettingFile};
 
 use crate::config::Spreading;

@@ -1,6 +1,7 @@
 //! The whole run on one screen: scan the log, survey it, estimate (pass one), correct (pass two).
 
 mod beam_picture;
+mod mount_words;
 mod ordered_map;
 mod pass_one;
 mod pass_two;
@@ -26,6 +27,7 @@ use crate::report::Report;
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::vehicle::{MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
 
+use mount_words::mount_check;
 use ordered_map::Threads;
 use pass_one::{Collected, collect};
 use pass_two::PassTwo;
@@ -251,7 +253,7 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     let tracks = tracks(&frames, &pairs);
     let rig = &first.survey.rig;
     let given = (rig.strobe.body_from_strobe, rig.strobe.source.is_some());
-    let found = understand(frames, tracks, rig.body_from_optical, given, &settings, &config.estimate)?;
+    let found = understand(frames, tracks, rig.body_from_optical, given, &settings, rig.body_from_dvl.origin().vector(), &config.estimate)?;
     let mount = found.strobe.body_from_strobe;
     let rendering = shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
     let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
@@ -261,6 +263,12 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
         warnings
             .push(format!("{} frames got another amount of light than their neighbours (strobe drop-outs); they are set right", frame_gains.len()));
     }
+    let camera_topic = &first.survey.camera_topic;
+    let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
+    let mount_check = found.mounts.map(|m| mount_check(&m, rig, camera_topic, offset_s)).map(|(file, said)| {
+        warnings.extend(said);
+        file
+    });
     let light_setting = |f: &FollowedSetting| {
         let SettingSeries { topic, name, .. } = &first.survey.settings[f.index];
         LightSettingFile { topic: topic.clone(), name: name.clone(), law: f.law, reference: f.reference }
@@ -268,7 +276,7 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     let light_settings = found.followed.iter().map(light_setting).collect();
     let strobe = Some(strobe_file(&found.strobe, rig));
     let backscatter = found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
-    Ok(ModelFile { strobe, backscatter, frame_gains, light_settings, warnings, ..file_of(found.estimate, rendering, inputs, config) })
+    Ok(ModelFile { strobe, mount_check, backscatter, frame_gains, light_settings, warnings, ..file_of(found.estimate, rendering, inputs, config) })
 }
 
 fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
@@ -330,6 +338,7 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         estimators: found.answers,
         beam_pattern: BeamPatternFile::of(&found.model.beam_pattern),
         strobe: None,
+        mount_check: None,
         backscatter: None,
         frame_gains: Vec::new(),
         light_settings: Vec::new(),

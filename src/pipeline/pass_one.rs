@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use crate::config::{Config, Estimator, Method};
 use crate::correct::FrameAverage;
 use crate::error::Result;
-use crate::estimate::{FrameSamples, Matchable, MatchedPair, matches, samples};
+use crate::estimate::{FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, matches, samples};
 use crate::geometry::View;
 use crate::image::SensorImage;
 use crate::image::decode::{Decoded, Light, decode};
@@ -83,6 +83,11 @@ pub fn collect(
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane };
         let mut taken = samples((index, stamp), &image, &view, with_keypoints, &config.matching, &config.estimate);
         taken.eight_bit = bits <= 8;
+        let plane_at = |offset_s: f64| {
+            let plane = survey.pings.seafloor(stamp.later(offset_s), &survey.rig, &config.seafloor).ok()?;
+            Some((plane.normal, plane.distance_m))
+        };
+        taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
         Some((taken, wants_average.then(|| image.into_bands())))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));

@@ -1,11 +1,11 @@
 //! Where each unknown of the joint solve stands: beam nodes, α (band by band, node by node in time), exponent,
-//! strength of backscatter, strobe.
+//! strength of backscatter, places.
 
 use super::{Row, Setting};
 use crate::model::{Backscatter, SHAPES};
 
-/// The most entries that a row has: beam 4, α 2, exponent 1, glow 3, strobe 3.
-const MOST: usize = 13;
+/// The most entries that a row has: beam 4, α 2, exponent 1, glow 3, places 6.
+const MOST: usize = 16;
 
 /// The non-zero entries of a row's design for one band.
 pub struct Entries {
@@ -36,8 +36,8 @@ pub struct Columns {
     time_nodes: usize,
     with_exponent: bool,
     with_glow: bool,
-    /// whether the strobe's place is an unknown now
-    pub with_strobe: bool,
+    /// how many places are unknowns now
+    pub places: usize,
 }
 
 impl Columns {
@@ -54,7 +54,7 @@ impl Columns {
             time_nodes: setting.drift.map_or(1, |d| d.nodes),
             with_exponent: setting.fit_exponent,
             with_glow: setting.glow.is_some(),
-            with_strobe: false,
+            places: 0,
         }
     }
 
@@ -82,7 +82,7 @@ impl Columns {
         self.with_glow.then(|| self.glow_begins() + band)
     }
 
-    /// Unknowns from here to the strobe are of what scatters back.
+    /// Unknowns from here to the places are of what scatters back.
     pub fn glow_begins(&self) -> usize {
         self.after_attenuation() + usize::from(self.with_exponent)
     }
@@ -91,12 +91,12 @@ impl Columns {
         self.glow(self.bands + term)
     }
 
-    pub fn strobe(&self) -> usize {
+    pub fn first_place(&self) -> usize {
         self.glow_begins() + if self.with_glow { self.bands + SHAPES } else { 0 }
     }
 
     pub fn count(&self) -> usize {
-        self.strobe() + if self.with_strobe { 3 } else { 0 }
+        self.first_place() + self.places
     }
 
     /// The design of a row for one band.
@@ -127,9 +127,7 @@ impl Columns {
             let by_shape = row.glow.by_shape(band);
             by_shape.iter().enumerate().for_each(|(k, x)| entries.put(first + k, x * back.strength_per_m[band] * row.per_direct[band]));
         }
-        if self.with_strobe {
-            (0..3).for_each(|axis| entries.put(self.strobe() + axis, row.by_strobe[band][axis]));
-        }
+        (0..self.places).for_each(|k| entries.put(self.first_place() + k, row.by_place[band][k]));
         entries
     }
 }

@@ -16,10 +16,10 @@
 
 mod columns;
 mod normal;
-mod strobe;
+pub mod places;
 mod uncertainty;
 
-use nalgebra::{DVector, Vector3};
+use nalgebra::DVector;
 
 use super::robust;
 use super::tracks::{Observation, Track};
@@ -29,6 +29,7 @@ use crate::image::Bands;
 use crate::model::{Backscatter, BeamPattern, Glow, Nodes, SpreadingModel, log_geometry};
 use crate::spaces::{Body, Strobe, Transform};
 use columns::Columns;
+use places::{MOST_PLACES, Place};
 
 /// Nodes with less weight of observations are not solved for.
 const LEAST_NODE_WEIGHT: f64 = 3.0;
@@ -130,8 +131,8 @@ struct Row {
     per_direct: [f64; 3],
     /// which of all observations, in the order of the tracks
     source: usize,
-    /// derivative of the model by the strobe's place, per band
-    by_strobe: [Vector3<f64>; 3],
+    /// derivatives of the model by places, per band
+    by_place: [[f64; MOST_PLACES]; 3],
 }
 
 /// One view with its way of light, and which of all observations it is.
@@ -175,9 +176,21 @@ pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Transform<Body, Str
     let mut problem = Problem::new(tracks, setting, mount, paths)?;
     let mut solution = problem.solve(setting.rounds)?;
     if setting.free_strobe {
-        solution = problem.with_free_strobe(tracks, mount, paths, &solution)?;
+        solution = problem.with_places(tracks, &strobe_places(mount, paths), &solution)?;
     }
     problem.answer(&solution)
+}
+
+/// The strobe's place as three unknowns [m], in body space.
+pub fn strobe_places<'f>(mount: Transform<Body, Strobe>, paths: &'f PathFor<'f>) -> [Place<'f>; 3] {
+    std::array::from_fn(|axis| {
+        let moved = move |by: f64| {
+            let mut isometry = mount.isometry();
+            isometry.translation.vector[axis] += by;
+            Transform::from_isometry(isometry)
+        };
+        Place { step: 0.01, path: Box::new(move |o, by| paths(o, moved(by))) }
+    })
 }
 
 impl<'s> Problem<'s> {
@@ -341,7 +354,7 @@ fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPa
         direct_share,
         per_direct,
         source,
-        by_strobe: [Vector3::zeros(); 3],
+        by_place: [[0.0; MOST_PLACES]; 3],
     })
 }
 

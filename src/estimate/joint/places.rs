@@ -1,0 +1,65 @@
+//! Where things sit (strobe, range instrument, the camera's clock) as further unknowns of the joint solve, to first order.
+
+use super::{Observation, Problem, Said, Solution, Track};
+use crate::geometry::LightPath;
+use crate::model::log_geometry;
+
+/// Most further unknowns at a time.
+pub const MOST_PLACES: usize = 6;
+
+/// One more unknown: the step of its numeric derivative, and the way of light when it is off by so much.
+pub struct Place<'f> {
+    /// in the unknown's unit
+    pub step: f64,
+    /// (observation, by how much) → the way of light
+    pub path: Box<dyn Fn(&Observation, f64) -> Option<LightPath> + 'f>,
+}
+
+/// A step that the residuals ask for, with its standard deviation, in the unknowns' units.
+#[derive(Clone, Debug)]
+pub struct PlaceStep {
+    /// the step
+    pub step: Vec<f64>,
+    /// per unknown
+    pub std: Vec<f64>,
+}
+
+impl Problem<'_> {
+    /// The step of `places` that would lower the misfits most, to first order, with everything else free.
+    pub fn place_step(&mut self, tracks: &[Track], places: &[Place<'_>], solution: &Solution) -> Option<PlaceStep> {
+        let free = self.with_places(tracks, places, solution)?;
+        let at = self.columns.first_place();
+        let covariance = self.covariance(at)?;
+        self.columns.places = 0;
+        let std = (0..places.len()).map(|k| covariance[(k, k)].sqrt()).collect();
+        Some(PlaceStep { step: (0..places.len()).map(|k| free.values[at + k]).collect(), std })
+    }
+
+    /// The same problem with `places` as more unknowns, to first order.
+    pub fn with_places(&mut self, tracks: &[Track], places: &[Place<'_>], solution: &Solution) -> Option<Solution> {
+        self.differentiate(tracks, places, solution);
+        self.columns.places = places.len();
+        let (normal, right) = self.normal_equations(&self.smoothness());
+        Some(Solution { values: normal.cholesky()?.solve(&right), residual: solution.residual })
+    }
+
+    /// Derivatives of each row's model by each place, numerically, with the pattern in hand.
+    fn differentiate(&mut self, tracks: &[Track], places: &[Place<'_>], solution: &Solution) {
+        let Said { attenuation_per_m: alpha, beam, .. } = self.said(solution);
+        let spreading = self.setting.spreading_held();
+        let exponent = self.columns.exponent().map_or(0.0, |i| solution.values[i]);
+        let common = |p: &LightPath| {
+            beam.log_gain(p.angles) + log_geometry(spreading, self.setting.config.incidence, p) - exponent * p.strobe_to_seafloor_m.ln()
+        };
+        let observations: Vec<&Observation> = tracks.iter().flatten().collect();
+        for row in &mut self.rows {
+            let o = observations[row.source];
+            for (k, place) in places.iter().enumerate() {
+                let (Some(ahead), Some(behind)) = ((place.path)(o, place.step), (place.path)(o, -place.step)) else { continue };
+                let per_unit = 1.0 / (2.0 * place.step);
+                let (by_common, by_length) = ((common(&ahead) - common(&behind)) * per_unit, (ahead.length_m() - behind.length_m()) * per_unit);
+                row.by_place.iter_mut().zip(alpha).for_each(|(d, alpha)| d[k] = by_common - alpha * by_length);
+            }
+        }
+    }
+}

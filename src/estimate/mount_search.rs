@@ -1,0 +1,148 @@
+//! What the log says against the camera's clock and the range instrument's mount.
+//!
+//! A clock that is late shows every frame the plane of another moment: where the robot climbs, all its points are too
+//! dark or too bright for the altitude they are given. A mount that is turned tilts every plane alike. Both are in the
+//! residual of the joint solve: three numbers, found as the strobe's place is. They are reported, never applied: stamps
+//! and mounts are the user's word. In: samples with the planes shortly before and after each frame.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::Samples;
+use super::descent::{Lowest, descend};
+use super::joint::places::Place;
+use super::joint::{Problem, Setting, strobe_places};
+use super::samples::{FrameSamples, PLANES_AROUND_S, Sight};
+use super::tracks::{Observation, Track};
+use crate::config::EstimateConfig;
+use crate::geometry::LightPath;
+use crate::model::Nodes;
+use crate::spaces::{Body, Direction, Point, Strobe, Transform};
+
+/// Observations that hold three numbers well enough.
+const MOST_OBSERVATIONS: usize = 8_000;
+/// What counts as a contradiction, if it is also surer than four standard deviations.
+const LEAST_OFFSET_S: f64 = 0.03;
+const LEAST_TURN_RAD: f64 = 0.012;
+const SURE: f64 = 4.0;
+/// … and lowers the residual by this share.
+const LEAST_GAIN: f64 = 0.02;
+/// Planes are known this far from a frame; what lies beyond is no more than a hint [s].
+const FARTHEST_S: f64 = 1.0;
+
+/// What fits better than what was given.
+#[derive(Clone, Copy, Debug)]
+pub struct FoundMounts {
+    /// to add to the camera's stamps [s]
+    pub clock_offset_s: f64,
+    /// its standard deviation [s]
+    pub clock_offset_std_s: f64,
+    /// how the planes turn, as a rotation vector in body space [rad]
+    pub turn_rad: Vector3<f64>,
+    /// about the camera's x and y axes [rad]
+    pub turn_about_axes_rad: [f64; 2],
+    /// standard deviation of those [rad]
+    pub turn_std_rad: [f64; 2],
+    /// residual as given, and with these [log light]
+    pub residual: [f64; 2],
+}
+
+impl FoundMounts {
+    fn gains(&self) -> bool {
+        self.residual[1] < (1.0 - LEAST_GAIN) * self.residual[0]
+    }
+
+    /// Whether the camera's clock is contradicted.
+    pub fn contradicts_clock(&self) -> bool {
+        self.gains() && self.clock_offset_s.abs() > LEAST_OFFSET_S.max(SURE * self.clock_offset_std_s)
+    }
+
+    /// Whether the mount is.
+    pub fn contradicts_mount(&self) -> bool {
+        let surely = |k: usize| self.turn_about_axes_rad[k].abs() > LEAST_TURN_RAD.max(SURE * self.turn_std_rad[k]);
+        self.gains() && (surely(0) || surely(1))
+    }
+}
+
+/// The camera's clock off by x [s], and the planes turned by y, z about the camera's axes [rad] around the instrument.
+struct Shift<'s> {
+    samples: &'s Samples<'s>,
+    by: Vector3<f64>,
+    instrument: Vector3<f64>,
+}
+
+impl Shift<'_> {
+    fn turn(&self) -> Vector3<f64> {
+        let axes = self.samples.body_from_optical.isometry().rotation;
+        axes * Vector3::new(self.by.y, self.by.z, 0.0)
+    }
+
+    /// n and d of a frame's plane.
+    fn plane(&self, frame: &FrameSamples) -> (Vector3<f64>, f64) {
+        let (mut normal, mut distance) = (frame.normal.vector(), frame.distance_m);
+        if let Some([before, after]) = frame.planes_around {
+            // A parabola through three planes: a swell curves.
+            let t = self.by.x / PLANES_AROUND_S;
+            let (b, n, a) = (t * (t - 1.0) / 2.0, 1.0 - t * t, t * (t + 1.0) / 2.0);
+            normal = before.0.vector() * b + normal * n + after.0.vector() * a;
+            distance = before.1 * b + distance * n + after.1 * a;
+        }
+        let turned = UnitQuaternion::from_scaled_axis(self.turn()) * normal.normalize();
+        (turned, distance + (turned - normal).dot(&self.instrument))
+    }
+
+    fn path(&self, o: &Observation, mount: Transform<Body, Strobe>) -> Option<LightPath> {
+        let (normal, distance) = self.plane(self.samples.frames.get(o.frame as usize)?);
+        let camera = self.samples.body_from_optical.origin().vector();
+        let ray = (o.sight.hit.vector() - camera) / o.sight.seafloor_to_camera_m;
+        let (towards, along) = (normal.dot(&ray), distance - normal.dot(&camera));
+        if towards < 0.05 || along <= 0.0 {
+            return None;
+        }
+        let sight = Sight { hit: Point::from_vector(camera + ray * (along / towards)), seafloor_to_camera_m: along / towards, ..o.sight };
+        sight.path(Direction::from_vector(normal)?, mount)
+    }
+}
+
+/// Seeks what fits better; `None` where the log cannot tell. `instrument` is where the range instrument sits in the body [m].
+pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &EstimateConfig) -> Option<FoundMounts> {
+    if samples.tracks.len() < config.least_pairs || !samples.altitude_varies(config) {
+        return None;
+    }
+    let observations: usize = samples.tracks.iter().map(Vec::len).sum();
+    let some: Vec<Track> = samples.tracks.iter().step_by(observations.div_ceil(MOST_OBSERVATIONS).max(1)).cloned().collect();
+    let setting = Setting { rounds: 5, ..samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config) };
+    let mount = samples.body_from_strobe;
+    let at = |by: Vector3<f64>| Shift { samples, by, instrument };
+    let residual_at = |by: Vector3<f64>| -> Option<f64> {
+        let shift = at(by);
+        Some(Problem::new(&some, &setting, mount, &|o, m| shift.path(o, m))?.solve(setting.rounds)?.residual)
+    };
+    let asked_at = |by: Vector3<f64>| {
+        let shift = at(by);
+        let paths = |o: &Observation, m| shift.path(o, m);
+        let mut problem = Problem::new(&some, &setting, mount, &paths)?;
+        let solution = problem.solve(setting.rounds)?;
+        let moved = |k: usize| {
+            move |o: &Observation, step: f64| {
+                let mut by = by;
+                by[k] += step;
+                at(by).path(o, mount)
+            }
+        };
+        let mut places: Vec<Place<'_>> = (0..3).map(|k| Place { step: [0.02, 0.005, 0.005][k], path: Box::new(moved(k)) }).collect();
+        if samples.strobe_is_found {
+            places.extend(strobe_places(mount, &paths));
+        }
+        problem.place_step(&some, &places, &solution)
+    };
+    let first = residual_at(Vector3::zeros())?;
+    let Lowest { place, std, residual } = descend((Vector3::zeros(), first), &residual_at, &asked_at)?;
+    (place.x.abs() < FARTHEST_S && std.iter().all(|s| s.is_finite())).then(|| FoundMounts {
+        clock_offset_s: place.x,
+        clock_offset_std_s: std.x,
+        turn_rad: at(place).turn(),
+        turn_about_axes_rad: [place.y, place.z],
+        turn_std_rad: [std.y, std.z],
+        residual: [first, residual],
+    })
+}
