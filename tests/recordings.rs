@@ -5,12 +5,13 @@ mod support;
 
 use std::path::{Path, PathBuf};
 
+use support::dice::{Dice, ensure_memory_is_bounded, factor};
+use support::foreign_bytes::exercise;
 use support::render::Dive;
 use support::transcode::{Encoding, transcode};
 use unwater::config::Config;
-use unwater::image::decode::{Light, decode};
+use unwater::messages::Decoder;
 use unwater::messages::cdr::Writer;
-use unwater::messages::{Decoder, Kind, heading};
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::{Options, Silent, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Message, Recording, Window};
@@ -166,72 +167,6 @@ fn depth_pictures_are_ranges_like_any_other() {
 
 // ---- bytes that make no sense
 
-/// Marsaglia's xorshift: the same damage in every run.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 % n.max(1) as u64) as usize
-    }
-
-    /// One flip, cut, stretch of zeros or repetition.
-    fn damage(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let mut out = bytes.to_vec();
-        if out.is_empty() {
-            return vec![0; self.below(9)];
-        }
-        let (at, length) = (self.below(out.len()), 1 + self.below(16));
-        let end = (at + length).min(out.len());
-        match self.below(5) {
-            0 => out[at] ^= 1 << self.below(8),
-            1 => out.truncate(at),
-            2 => out[at..end].fill(0),
-            3 => out[at..end].fill(0xff),
-            _ => {
-                let again = out[at..end].to_vec();
-                out.splice(at..at, again);
-            }
-        }
-        out
-    }
-}
-
-/// How many times the usual damage is done: UNWATER_FUZZ=100 for a long run.
-fn factor() -> usize {
-    std::env::var("UNWATER_FUZZ").ok().and_then(|f| f.parse().ok()).unwrap_or(1)
-}
-
-/// Everything that is done with a message; whatever comes out, it comes out.
-fn exercise(decoder: &Decoder, data: &[u8]) {
-    let Ok(value) = decoder.read(data) else { return };
-    let _heading = heading(&value);
-    match decoder.message_type.kind {
-        Kind::Picture(read) => {
-            if let Ok(picture) = read(&value)
-                && let Ok(decoded) = decode(&picture, Light::default())
-            {
-                let _bands = decoded.image.into_bands();
-            }
-        }
-        Kind::CameraInfo(read) => {
-            if let Ok(Some(calibration)) = read(&value) {
-                let _ray = calibration.cropped.ray(1.0, 1.0);
-            }
-        }
-        Kind::Transforms(read) => drop(read(&value)),
-        Kind::Attitude(read) => drop(read(&value)),
-        Kind::LightSetting(read) => drop(read(&value)),
-        Kind::Ping(_, read) => {
-            for facts in [DvlFacts::default(), DvlFacts { beams: Some("waterlinked-a50".into()), ..DvlFacts::default() }] {
-                drop(read(&value, &facts));
-            }
-        }
-    }
-}
-
 fn samples() -> Vec<PathBuf> {
     let mut logs: Vec<PathBuf> =
         std::fs::read_dir(SAMPLES).unwrap().map(|f| f.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "mcap")).collect();
@@ -299,12 +234,4 @@ fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
     }
     assert!(places >= 5000, "{places} places");
     ensure_memory_is_bounded();
-}
-
-/// Where the system tells: the most memory that this process has ever had.
-fn ensure_memory_is_bounded() {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return };
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or("0 kB");
-    let kilobytes: u64 = line.trim().trim_end_matches(" kB").trim().parse().unwrap();
-    assert!(kilobytes < 1 << 20, "{kilobytes} kB were in use at once");
 }

@@ -1,0 +1,200 @@
+//! Every parser of foreign bytes behind one `fn(&[u8])`: the targets in `fuzz/` and `tests/foreign_bytes.rs` call the same.
+//! Whatever comes out, it comes out; a panic, a hang or unbounded memory is the finding.
+#![allow(dead_code, clippy::unwrap_used)]
+
+use std::path::PathBuf;
+
+use unwater::config::Config;
+use unwater::image::EncodedImage;
+use unwater::image::decode::{Light, decode, describe, grey16, size};
+use unwater::messages::{Decoder, Kind, heading};
+use unwater::model::ModelFile;
+use unwater::pipeline::scan::scan;
+use unwater::pipeline::survey::Selection;
+use unwater::pipeline::survey::survey;
+use unwater::recording::{Entry, Recording, Window};
+use unwater::vehicle::{DvlFacts, RigFile};
+
+/// The parsers by name: also the names of the fuzz targets and of the folders in `fuzz/seeds`.
+pub const TARGETS: &[(&str, fn(&[u8]))] = &[
+    ("cdr", cdr),
+    ("idl", idl),
+    ("ros1", ros1),
+    ("protobuf", protobuf),
+    ("json", json),
+    ("mcap", mcap),
+    ("raw_picture", raw_picture),
+    ("picture_file", picture_file),
+    ("rig", rig),
+    ("model", model),
+    ("config", config),
+];
+
+/// Runs the parser of this name.
+pub fn run(target: &str, bytes: &[u8]) {
+    let (_, parser) = TARGETS.iter().find(|(name, _)| *name == target).unwrap();
+    parser(bytes);
+}
+
+/// A message with its schema, as one piece of bytes: `topic\nschema name\nlength of the schema\n`, the schema, the message.
+pub fn with_schema(topic: &str, name: &str, schema: &[u8], message: &[u8]) -> Vec<u8> {
+    [format!("{topic}\n{name}\n{}\n", schema.len()).as_bytes(), schema, message].concat()
+}
+
+/// The inverse of [`with_schema`].
+fn parts(bytes: &[u8]) -> Option<(&str, &str, &[u8], &[u8])> {
+    let mut lines = bytes.splitn(4, |b| *b == b'\n');
+    let (topic, name) = (std::str::from_utf8(lines.next()?).ok()?, std::str::from_utf8(lines.next()?).ok()?);
+    let length: usize = std::str::from_utf8(lines.next()?).ok()?.parse().ok()?;
+    let rest = lines.next()?;
+    let (schema, message) = rest.split_at_checked(length.min(rest.len()))?;
+    Some((topic, name, schema, message))
+}
+
+fn message(message_encoding: &str, schema_encoding: &str, bytes: &[u8]) {
+    let Some((topic, name, schema, message)) = parts(bytes) else { return };
+    if let Ok(Some(mut decoder)) = Decoder::for_channel(topic, message_encoding, name, schema_encoding, schema) {
+        decoder.settle(topic, message);
+        exercise(&decoder, message);
+    }
+    // Whatever shape the schema has, its messages are read by it.
+    if let Ok(decoder) = Decoder::by_path(message_encoding, name, schema_encoding, schema) {
+        exercise(&decoder, message);
+    }
+}
+
+/// Everything that is done with a message.
+pub fn exercise(decoder: &Decoder, data: &[u8]) {
+    let Ok(value) = decoder.read(data) else { return };
+    let _heading = heading(&value);
+    match decoder.message_type.kind {
+        Kind::Picture(read) => {
+            if let Ok(picture) = read(&value)
+                && let Ok(decoded) = decode(&picture, Light::default())
+            {
+                let _bands = decoded.image.into_bands();
+            }
+        }
+        Kind::CameraInfo(read) => {
+            if let Ok(Some(calibration)) = read(&value) {
+                let _ray = calibration.cropped.ray(1.0, 1.0);
+            }
+        }
+        Kind::Transforms(read) => drop(read(&value)),
+        Kind::Attitude(read) => drop(read(&value)),
+        Kind::LightSetting(read) => drop(read(&value)),
+        Kind::Ping(_, read) => {
+            let of_path = DvlFacts { path: Some("beams.distance".into()), valid_path: Some("beams.valid".into()), ..DvlFacts::default() };
+            for facts in [DvlFacts::default(), DvlFacts { beams: Some("waterlinked-a50".into()), ..DvlFacts::default() }, of_path] {
+                drop(read(&value, &facts));
+            }
+        }
+    }
+}
+
+fn cdr(bytes: &[u8]) {
+    message("cdr", "ros2msg", bytes);
+}
+
+fn idl(bytes: &[u8]) {
+    message("cdr", "ros2idl", bytes);
+}
+
+fn ros1(bytes: &[u8]) {
+    message("ros1", "ros1msg", bytes);
+}
+
+fn protobuf(bytes: &[u8]) {
+    message("protobuf", "protobuf", bytes);
+}
+
+fn json(bytes: &[u8]) {
+    message("json", "jsonschema", bytes);
+    if let Some((topic, _, _, text)) = parts(bytes)
+        && let Ok(Some(decoder)) = Decoder::for_json(topic, text)
+    {
+        exercise(&decoder, text);
+    }
+}
+
+/// A file in memory where the system has such a place: a log is read through a map.
+fn scratch() -> PathBuf {
+    let shared = PathBuf::from("/dev/shm");
+    let folder = if shared.is_dir() { shared } else { std::env::temp_dir() };
+    folder.join(format!("unwater.{}.{:?}.mcap", std::process::id(), std::thread::current().id()))
+}
+
+/// Every record, message, attachment and metadata of a log, and what is made of them.
+fn mcap(bytes: &[u8]) {
+    let path = scratch();
+    std::fs::write(&path, bytes).unwrap();
+    if let Ok(recording) = Recording::open(&path) {
+        let mut scan = scan(&recording, Window::ALL, &DvlFacts::default());
+        let mut total = 0;
+        for entry in recording.messages(Window { start: 1, end: 1 << 62 }) {
+            if let Entry::Message(m) = entry {
+                total += m.data().len();
+            }
+        }
+        total += recording.attachments().flatten().map(|a| a.data.len()).sum::<usize>();
+        std::hint::black_box(total);
+        let rig: RigFile = toml::from_str("[camera]\nhorizontal_field_of_view_deg = 60.0").unwrap();
+        drop(survey(&recording, &mut scan, &Selection::default(), &rig, &Config::default()));
+    }
+    std::fs::remove_file(&path).unwrap();
+}
+
+/// `width height step big_endian encoding\n`, then the pixels.
+fn raw_picture(bytes: &[u8]) {
+    let Some(end) = bytes.iter().position(|b| *b == b'\n') else { return };
+    let Ok(head) = std::str::from_utf8(&bytes[..end]) else { return };
+    let mut words = head.splitn(5, ' ');
+    let mut number = || words.next()?.parse::<usize>().ok();
+    let (Some(width), Some(height), Some(step), Some(big)) = (number(), number(), number(), number()) else { return };
+    let encoding = words.next().unwrap_or("");
+    let picture = EncodedImage::Raw { width, height, encoding, big_endian: big == 1, step, data: &bytes[end + 1..] };
+    let _line = (describe(&picture), size(&picture));
+    if let Ok(decoded) = decode(&picture, Light { white_level: Some(4095), ..Light::default() }) {
+        let _bands = decoded.image.into_bands();
+    }
+}
+
+/// `format\n`, then the file.
+fn picture_file(bytes: &[u8]) {
+    let Some(end) = bytes.iter().position(|b| *b == b'\n') else { return };
+    let Ok(format) = std::str::from_utf8(&bytes[..end]) else { return };
+    let picture = EncodedImage::Compressed { format, data: &bytes[end + 1..] };
+    let _line = (describe(&picture), size(&picture));
+    if let Ok(decoded) = decode(&picture, Light::default()) {
+        let _bands = decoded.image.into_bands();
+    }
+    drop(grey16(&bytes[end + 1..]));
+}
+
+fn rig(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let Ok(file) = toml::from_str::<RigFile>(text) else { return };
+    if let Ok(Some(camera)) = file.camera.calibration(Some((64, 48))) {
+        let _ray = file.camera.in_water(camera).ray(1.0, 1.0);
+    }
+    for mount in [&file.camera.mount, &file.dvl.mount, &file.strobe.mount].into_iter().flatten() {
+        drop(mount.transform::<unwater::spaces::Dvl>());
+    }
+}
+
+fn model(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    if let Ok(file) = ModelFile::from_json(text)
+        && let Ok(model) = file.imaging_model()
+    {
+        let _then = model.at(unwater::units::Stamp(1));
+        let _again = file.to_json();
+    }
+}
+
+fn config(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    if let Ok(config) = Config::from_toml(text) {
+        let _again = config.to_commented_toml();
+    }
+}
