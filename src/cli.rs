@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Compression, Config, Estimator, ImageFormat, Method, Spreading, StrobePosition, Switch, with_nearest_key};
+use crate::config::{Compression, Config, Estimator, ImageFormat, Method, OutputEncoding, Spreading, StrobePosition, Switch, with_nearest_key};
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
 use crate::pipeline::{Options, survey::Selection};
@@ -49,7 +49,9 @@ pub enum Command {
     #[command(after_help = "Examples:\n  unwater estimate dive.mcap\n  unwater estimate dive_1.mcap dive_2.mcap -o dive.model.json")]
     Estimate(EstimateArgs),
     /// Show what a log holds, what is missing, and what would be done
-    #[command(after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .plan.camera")]
+    #[command(
+        after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .plan.camera\n  unwater inspect dive.mcap --clocks"
+    )]
     Inspect(Inspect),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in
     #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml")]
@@ -111,6 +113,9 @@ pub struct Inspect {
     /// One JSON document instead of text
     #[arg(long)]
     pub json: bool,
+    /// Look in pictures and ranges for offsets between the clocks; takes as long as estimating
+    #[arg(long)]
+    pub clocks: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub shared: Shared,
@@ -228,6 +233,9 @@ pub struct RenderOptions {
     /// 8 (sRGB-coded) or 16 (linear) bits
     #[arg(long, value_name = "BITS")]
     pub depth: Option<u8>,
+    /// Encoding of the messages that are added
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub output_encoding: Option<OutputEncoding>,
     /// Compression of chunks
     #[arg(long, value_enum, value_name = "NAME")]
     pub compression: Option<Compression>,
@@ -284,6 +292,7 @@ impl Shared {
         set(&mut config.render.image_format, render.image_format);
         set(&mut config.render.jpeg_quality, render.jpeg_quality);
         set(&mut config.render.depth, render.depth);
+        set(&mut config.output.encoding, render.output_encoding);
         set(&mut config.output.compression, render.compression);
         config.render.rectify |= render.rectify;
         config.output.drop_raw |= render.drop_raw;

@@ -285,11 +285,27 @@ pub enum Compression {
     None,
 }
 
+/// Encoding of the messages that are added.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum OutputEncoding {
+    /// protobuf where the camera's channel is, CDR elsewhere: rerun shows no ROS 1, and of JSON no more than bytes
+    #[default]
+    Auto,
+    /// ROS 2: `cdr` with `ros2msg` schemas
+    Cdr,
+    /// ROS 1: `ros1` with `ros1msg` schemas, for its tools
+    Ros1,
+    /// protobuf: pictures, calibration and log as Foxglove has them
+    Protobuf,
+}
+
 /// The file that is written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[allow(missing_docs)]
 pub struct OutputConfig {
+    pub encoding: OutputEncoding,
     pub compression: Compression,
     pub chunk_size_mib: u64,
     pub drop_raw: bool,
@@ -299,7 +315,7 @@ pub struct OutputConfig {
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { compression: Compression::Zstd, chunk_size_mib: 4, drop_raw: false, only: None }
+        Self { encoding: OutputEncoding::Auto, compression: Compression::Zstd, chunk_size_mib: 4, drop_raw: false, only: None }
     }
 }
 
@@ -363,6 +379,7 @@ pub const SETTINGS: &[Setting] = settings![
     "render.image_format", "auto | jpeg | png | raw | same", "auto: PNG where the source is PNG or depth is 16, else JPEG";
     "render.jpeg_quality", "1 to 100", "95 hides nothing";
     "render.depth", "8 | 16", "8 is sRGB-coded, 16 is linear";
+    "output.encoding", "auto | cdr | ros1 | protobuf", "of added messages. auto: protobuf where the camera's channel is, else CDR, which both viewers show";
     "output.compression", "zstd | lz4 | none", "of chunks";
     "output.chunk_size_mib", "MiB", "a chunk should hold several frames";
     "output.drop_raw", "true | false", "leave out the corrected camera's own images";

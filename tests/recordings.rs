@@ -11,7 +11,7 @@ use support::render::Dive;
 use support::transcode::{Encoding, transcode};
 use unwater::config::Config;
 use unwater::messages::Decoder;
-use unwater::messages::cdr::Writer;
+use unwater::messages::writer::{OutputWire, Writer};
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::{Options, Silent, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Message, Recording, Window};
@@ -36,7 +36,14 @@ fn the_same_dive_in_every_encoding_gives_the_same_model() {
         assert!(recording.is_complete && (recording.profile == "ros2" || recording.profile.is_empty()), "{}", recording.profile);
         let of_ours = |m: &Message| recording.channels[&m.channel].topic.contains("image_corrected");
         let messages = recording.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m) } else { None });
-        messages.filter(of_ours).map(|m| m.data().to_vec()).collect::<Vec<_>>()
+        let decoder = |m: &Message| {
+            let channel = &recording.channels[&m.channel];
+            let schema = &recording.schemas[&channel.schema_id];
+            let is_protobuf = path.file_stem().is_some_and(|s| s == "Protobuf");
+            assert_eq!(channel.message_encoding, if is_protobuf { "protobuf" } else { "cdr" }, "the encoding of what is added");
+            Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data).unwrap().unwrap()
+        };
+        messages.filter(of_ours).map(|m| decoder(&m).read(m.data()).unwrap().bytes("data").unwrap().to_vec()).collect::<Vec<_>>()
     };
     let truth = model(&cdr);
     let pictures = corrected(&cdr);
@@ -129,7 +136,8 @@ fn add_depth(source: &Path, target: &Path, depth_m: f64) {
         if camera.camera_channels.contains(&m.channel) {
             let stamp = camera.frames[0].stamp.0 + (m.log_time - recording_start(&recording, m.channel)) as i64;
             let (sec, nanosec) = ((stamp / 1_000_000_000) as i32, (stamp % 1_000_000_000) as u32);
-            let body = Writer::new().header(sec, nanosec, &camera.camera_frame).u32(height as u32).u32(width as u32).text("16UC1").u8(0);
+            let body =
+                Writer::new(OutputWire::Cdr).header(sec, nanosec, &camera.camera_frame).u32(height as u32).u32(width as u32).text("16UC1").u8(0);
             let body = body.u32(2 * width as u32).bytes(&code).finish();
             header.channel_id = 900;
             writer.write_to_known_channel(&header, &body).unwrap();

@@ -84,6 +84,34 @@ def logs(m):
     m.image_log("image_BGR8", "BGR8", [c[..., ::-1] for c in colour], [m.exact_reading(i, c, linear=False) for i, c in zip(frames, colour)],
                 "the GenICam name of bgr8")
 
+    # ---- bits without gaps, as GenICam cameras send them
+    def bits_in_a_row(code, bits):
+        """`…p`: every sample's lowest bit first, one after the other."""
+        planes = (code.reshape(m.HEIGHT, -1, 1).astype(np.uint16) >> np.arange(bits)) & 1
+        return np.packbits(planes.reshape(m.HEIGHT, -1).astype(np.uint8), axis=1, bitorder="little")
+
+    def gige(code, bits):
+        """`…Packed`: the high bytes of two samples, and between them their low bits in a nibble each."""
+        low = (1 << (bits - 8)) - 1
+        a, b = code[:, 0::2].astype(np.uint16), code[:, 1::2].astype(np.uint16)
+        return np.stack([a >> (bits - 8), (a & low) | (b & low) << 4, b >> (bits - 8)], axis=-1).reshape(m.HEIGHT, -1).astype(np.uint8)
+
+    def bit_log(file, encoding, pack, codes, readings, note):
+        messages = []
+        for i, code in enumerate(codes):
+            rows = pack(code)
+            messages.append({"header": m.header(i, camera), "height": m.HEIGHT, "width": m.WIDTH, "encoding": encoding, "is_bigendian": 0,
+                             "step": rows.shape[1], "data": rows.tobytes()})
+        m.write_log(file, m.IMAGE_TOPIC, "sensor_msgs/msg/Image", messages, "image", camera, readings, note)
+
+    codes = [m.quantise(m.mosaic(m.scene(i), "rggb"), 4095) for i in frames]
+    readings = [m.mosaic_reading(i, 16, 4095) for i in frames]
+    bit_log("image_bayer_rggb12p", "bayer_rggb12p", lambda c: bits_in_a_row(c, 12), codes, readings, "12 bits in a row, lowest first")
+    bit_log("image_BayerRG12Packed", "BayerRG12Packed", lambda c: gige(c, 12), codes, readings, "two samples of 12 bits in three bytes")
+    codes = [m.quantise(m.grey(i), 1023) for i in frames]
+    readings = [m.image_reading(i, c / 1023, 16, True, 1023, m.corner_points, 0.00001, 8) for i, c in zip(frames, codes)]
+    bit_log("image_mono10p", "mono10p", lambda c: bits_in_a_row(c, 10), codes, readings, "10 bits in a row, lowest first")
+
     # ---- WebP
     def webp(code, lossless):
         out = io.BytesIO()

@@ -8,6 +8,7 @@ use std::io::Cursor;
 use image::ImageDecoder;
 
 use super::demosaic::Phase;
+use super::packed::Packing;
 use super::transfer::Transfer;
 use super::{Container, EncodedImage, LinearImage, SensorImage, yuv};
 
@@ -116,8 +117,12 @@ pub fn decode(encoded: &EncodedImage<'_>, light: Light) -> Result<Decoded, Strin
             linear(rgb.chunks_exact(3 * width), width, height, s, false, Container::Raw, light)
         }
         EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
-            let s = samples(encoding).ok_or_else(|| format!("the image encoding {encoding:?} is not read"))?;
             ensure_size(width, height)?;
+            if let Some((packing, s)) = Packing::of(encoding).and_then(|p| samples(&p.unpacked).map(|s| (p, s))) {
+                let unpacked = packing.unpack((width, height), step, data).ok_or_else(|| misfit(encoded))?;
+                return linear(unpacked.chunks_exact(2 * width), width, height, s, false, Container::Raw, light);
+            }
+            let s = samples(encoding).ok_or_else(|| not_read(encoding))?;
             let row = width * s.channels * s.bytes;
             let needed = step.checked_mul(height - 1).and_then(|n| n.checked_add(row));
             if step < row || needed.is_none_or(|n| n > data.len()) {
@@ -129,6 +134,17 @@ pub fn decode(encoded: &EncodedImage<'_>, light: Light) -> Result<Decoded, Strin
         EncodedImage::Compressed { format, data } => compressed(format, data, light),
         EncodedImage::Video { codec } => Err(format!("{codec} video is not read")),
     }
+}
+
+fn not_read(encoding: &str) -> String {
+    let word = encoding.to_ascii_lowercase();
+    let why = match word.get(..word.len().saturating_sub(2)) {
+        Some("8s" | "16s" | "32s") => ": signed numbers have no full scale that would be light",
+        Some("32f" | "64f") => ": floats have no full scale; `32FC1` is read as a depth picture on a topic of that name",
+        Some("8u" | "16u") => ": two channels are neither grey nor colour",
+        _ => "",
+    };
+    format!("the image encoding {encoding:?} is not read{why}")
 }
 
 fn misfit(encoded: &EncodedImage<'_>) -> String {

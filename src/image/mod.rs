@@ -8,6 +8,7 @@ pub mod decode;
 pub mod demosaic;
 pub mod encode;
 pub mod flat_field;
+mod packed;
 pub mod transfer;
 mod yuv;
 

@@ -1,4 +1,4 @@
-//! Bytes on the wire ⇄ values: OMG CDR as ROS 2 writes it, both endians, and ROS 1 serialisation, which is the same
+//! Bytes on the wire → values: OMG CDR as ROS 2 writes it, both endians, and ROS 1 serialisation, which is the same
 //! without header, alignment and NUL.
 //!
 //! Memory is bounded by the message: a sequence that claims more elements than there are bytes left is
@@ -153,81 +153,10 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Writes one little-endian CDR message, field by field.
-pub struct Writer(Vec<u8>);
-
-impl Default for Writer {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Writer {
-    /// An empty message: the encapsulation header.
-    pub fn new() -> Self {
-        Self(vec![0, 1, 0, 0])
-    }
-
-    fn put(mut self, bytes: &[u8]) -> Self {
-        let position = self.0.len() - 4;
-        self.0.resize(4 + position.next_multiple_of(bytes.len()), 0);
-        self.0.extend_from_slice(bytes);
-        self
-    }
-    /// `uint8` or `bool`
-    pub fn u8(self, v: u8) -> Self {
-        self.put(&[v])
-    }
-    /// `uint32`
-    pub fn u32(self, v: u32) -> Self {
-        self.put(&v.to_le_bytes())
-    }
-    /// `int32`
-    pub fn i32(self, v: i32) -> Self {
-        self.put(&v.to_le_bytes())
-    }
-    /// `float32`
-    pub fn f32(self, v: f32) -> Self {
-        self.put(&v.to_le_bytes())
-    }
-    /// `float64`
-    pub fn f64(self, v: f64) -> Self {
-        self.put(&v.to_le_bytes())
-    }
-    /// `float64[N]`: no length on the wire
-    pub fn f64_array(self, values: &[f64]) -> Self {
-        values.iter().fold(self, |w, v| w.f64(*v))
-    }
-    /// `float64[]`
-    pub fn f64_sequence(self, values: &[f64]) -> Self {
-        self.u32(values.len() as u32).f64_array(values)
-    }
-    /// `string`
-    pub fn text(self, v: &str) -> Self {
-        let mut w = self.u32(v.len() as u32 + 1);
-        w.0.extend_from_slice(v.as_bytes());
-        w.0.push(0);
-        w
-    }
-    /// `uint8[]`
-    pub fn bytes(self, v: &[u8]) -> Self {
-        let mut w = self.u32(v.len() as u32);
-        w.0.extend_from_slice(v);
-        w
-    }
-    /// `std_msgs/Header`
-    pub fn header(self, sec: i32, nanosec: u32, frame_id: &str) -> Self {
-        self.i32(sec).u32(nanosec).text(frame_id)
-    }
-    /// The message's bytes.
-    pub fn finish(self) -> Vec<u8> {
-        self.0
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::ros_schema::{Dialect, parse};
+    use super::super::writer::{OutputWire, Writer};
     use super::*;
 
     fn layout(text: &str) -> Result<Layout, String> {
@@ -237,7 +166,14 @@ mod tests {
     #[test]
     fn what_is_written_is_read() {
         let layout = layout("std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n").expect("layout");
-        let bytes = Writer::new().header(7, 9, "cam").u8(3).f64_array(&[1.0, -2.0]).f64_sequence(&[5.5]).bytes(&[1, 2, 3]).text("end").finish();
+        let bytes = Writer::new(OutputWire::Cdr)
+            .header(7, 9, "cam")
+            .u8(3)
+            .f64_array(&[1.0, -2.0])
+            .f64_sequence(&[5.5])
+            .bytes(&[1, 2, 3])
+            .text("end")
+            .finish();
         let value = read(&layout, &bytes).expect("value");
         assert_eq!((value.integer("header.stamp.sec"), value.text("header.frame_id")), (Some(7), Some("cam")));
         assert_eq!((value.numbers("v"), value.numbers("w")), (Some(vec![1.0, -2.0]), Some(vec![5.5])));
@@ -250,7 +186,7 @@ mod tests {
     #[test]
     fn a_length_that_lies_allocates_nothing() {
         let layout = layout("float64[] w\n").expect("layout");
-        let bytes = Writer::new().u32(u32::MAX).finish();
+        let bytes = Writer::new(OutputWire::Cdr).u32(u32::MAX).finish();
         assert!(read(&layout, &bytes).expect_err("a lie").contains("elements"));
     }
 }

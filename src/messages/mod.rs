@@ -9,6 +9,7 @@ mod altitude;
 mod camera_info;
 pub mod cdr;
 mod depth_picture;
+mod descriptor;
 mod dvl;
 mod dvl_arrays;
 mod dvl_beams;
@@ -37,6 +38,7 @@ mod table;
 mod transforms;
 pub mod value;
 mod video;
+pub mod writer;
 
 use nalgebra::{Isometry3, UnitQuaternion};
 

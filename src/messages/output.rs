@@ -1,8 +1,10 @@
-//! The messages unwater writes: CDR with self-contained `ros2msg` schemas, flat numeric fields, units in the
-//! names, NaN for unknown. ROS 2 throughout, as it is the family that rerun and Foxglove both show best.
+//! The messages unwater writes: flat numeric fields, units in the names, NaN for unknown. CDR with self-contained
+//! `ros2msg` schemas by default, as it is the family that rerun and Foxglove both show best; protobuf with Foxglove's schemas
+//! or ROS 1 by choice.
 
 use super::Heading;
-use super::cdr::Writer;
+use super::descriptor::{self, Form, ProtoType};
+use super::writer::{OutputWire, Writer};
 use crate::units::Stamp;
 use crate::vehicle::Camera;
 
@@ -11,8 +13,63 @@ use crate::vehicle::Camera;
 pub struct OutputType {
     /// `pkg/msg/Type`
     pub name: &'static str,
-    /// the definition with its dependencies
+    /// the definition with its dependencies, as ROS 2 has it
     pub schema: &'static str,
+    /// name and definition in ROS 1, where they are not those of ROS 2 in its older words
+    ros1: Option<(&'static str, &'static str)>,
+    /// the message in protobuf; where `None`, the definition's fields in their order
+    protobuf: Option<&'static ProtoType>,
+}
+
+/// A schema as the log holds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WrittenSchema {
+    /// the type's name
+    pub name: String,
+    /// `ros2msg`, `ros1msg`, `protobuf`
+    pub encoding: &'static str,
+    /// the definition
+    pub data: Vec<u8>,
+    /// the encoding of its messages
+    pub message_encoding: &'static str,
+}
+
+impl OutputType {
+    const fn of_ros2(name: &'static str, schema: &'static str) -> Self {
+        Self { name, schema, ros1: None, protobuf: None }
+    }
+
+    /// The type's schema in an encoding.
+    pub fn schema_in(&self, wire: OutputWire) -> WrittenSchema {
+        match wire {
+            OutputWire::Cdr => WrittenSchema { name: self.name.into(), encoding: "ros2msg", data: self.schema.into(), message_encoding: "cdr" },
+            OutputWire::Ros1 => {
+                let (name, text) = self.ros1.map_or_else(|| (self.name.replace("/msg/", "/"), in_ros1(self.schema)), |(n, t)| (n.into(), t.into()));
+                WrittenSchema { name, encoding: "ros1msg", data: text.into_bytes(), message_encoding: "ros1" }
+            }
+            OutputWire::Protobuf => {
+                let (name, data) = match self.protobuf {
+                    Some(known) => (known.name.into(), descriptor::of(known.name, known.fields)),
+                    None => {
+                        let name = self.name.replace("/msg/", ".");
+                        let data = descriptor::of_ros2(&name, self.schema);
+                        (name, data)
+                    }
+                };
+                WrittenSchema { name, encoding: "protobuf", data, message_encoding: "protobuf" }
+            }
+        }
+    }
+}
+
+/// A ROS 2 definition in the words of ROS 1: `time` is a primitive, and a header has a number.
+fn in_ros1(schema: &str) -> String {
+    let sections = schema.split("================================================================================\n");
+    let kept: Vec<String> = sections
+        .filter(|s| !s.starts_with("MSG: builtin_interfaces/Time"))
+        .map(|s| s.replace("builtin_interfaces/Time", "time").replace("MSG: std_msgs/Header\n", "MSG: std_msgs/Header\nuint32 seq\n"))
+        .collect();
+    kept.join("================================================================================\n")
 }
 
 macro_rules! with_header {
@@ -27,13 +84,33 @@ macro_rules! with_header {
 }
 
 /// A corrected picture as JPEG or PNG.
-pub const COMPRESSED_IMAGE: OutputType =
-    OutputType { name: "sensor_msgs/msg/CompressedImage", schema: with_header!("string format\nuint8[] data\n") };
+pub const COMPRESSED_IMAGE: OutputType = OutputType {
+    name: "sensor_msgs/msg/CompressedImage",
+    schema: with_header!("string format\nuint8[] data\n"),
+    ros1: None,
+    protobuf: Some(&ProtoType {
+        name: "foxglove.CompressedImage",
+        fields: &[("timestamp", 1, Form::Time), ("frame_id", 4, Form::Text), ("data", 2, Form::Bytes), ("format", 3, Form::Text)],
+    }),
+};
 
 /// A corrected picture as bare pixels.
 pub const IMAGE: OutputType = OutputType {
     name: "sensor_msgs/msg/Image",
     schema: with_header!("uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n"),
+    ros1: None,
+    protobuf: Some(&ProtoType {
+        name: "foxglove.RawImage",
+        fields: &[
+            ("timestamp", 1, Form::Time),
+            ("frame_id", 7, Form::Text),
+            ("width", 2, Form::Fixed32),
+            ("height", 3, Form::Fixed32),
+            ("encoding", 4, Form::Text),
+            ("step", 5, Form::Fixed32),
+            ("data", 6, Form::Bytes),
+        ],
+    }),
 };
 
 /// Calibration of a rectified picture.
@@ -45,39 +122,54 @@ pub const CAMERA_INFO: OutputType = OutputType {
         ),
         "================================================================================\nMSG: sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n"
     ),
+    ros1: Some(("sensor_msgs/CameraInfo", ROS1_CAMERA_INFO)),
+    protobuf: Some(&ProtoType {
+        name: "foxglove.CameraCalibration",
+        fields: &[
+            ("timestamp", 1, Form::Time),
+            ("frame_id", 9, Form::Text),
+            ("width", 2, Form::Fixed32),
+            ("height", 3, Form::Fixed32),
+            ("distortion_model", 4, Form::Text),
+            ("D", 5, Form::Doubles),
+            ("K", 6, Form::Doubles),
+            ("R", 7, Form::Doubles),
+            ("P", 8, Form::Doubles),
+        ],
+    }),
 };
 
 /// α of a frame.
-pub const ATTENUATION: OutputType = OutputType {
-    name: "unwater_msgs/msg/Attenuation",
-    schema: with_header!(
+pub const ATTENUATION: OutputType = OutputType::of_ros2(
+    "unwater_msgs/msg/Attenuation",
+    with_header!(
         "# red, green, blue; NaN where there is no such band\nfloat64[3] attenuation_per_m\nfloat64[3] attenuation_std_per_m\n# true: spreading is modelled; false: an effective value that holds spreading too\nbool physical\nbool identified\n"
     ),
-};
+);
 
 /// The plane below a frame.
-pub const SEAFLOOR: OutputType = OutputType {
-    name: "unwater_msgs/msg/Seafloor",
-    schema: with_header!(
+pub const SEAFLOOR: OutputType = OutputType::of_ros2(
+    "unwater_msgs/msg/Seafloor",
+    with_header!(
         "# the plane n.x = d in the camera's optical frame, n pointing into the floor\nfloat64 normal_x\nfloat64 normal_y\nfloat64 normal_z\nfloat64 distance_m\nfloat64 camera_altitude_m\nfloat64 tilt_to_camera_deg\n# hits of sonar beams, their spread over the plane, and the time to the nearest ping\nuint32 hits\nfloat64 residual_m\nfloat64 nearest_ping_s\n# least squares, exact, assumed level\nstring support\n"
     ),
-};
+);
 
 /// Facts of a frame.
-pub const FRAME: OutputType = OutputType {
-    name: "unwater_msgs/msg/Frame",
-    schema: with_header!(
+pub const FRAME: OutputType = OutputType::of_ros2(
+    "unwater_msgs/msg/Frame",
+    with_header!(
         "bool corrected\n# why not, if not\nstring reason\nfloat64 camera_altitude_m\nfloat64 path_length_min_m\nfloat64 path_length_mean_m\nfloat64 path_length_max_m\n# shares of the picture's pixels\nfloat64 clipped_input_share\nfloat64 clipped_output_share\nfloat64 gain_capped_share\nfloat64 off_surface_share\nfloat64 unseen_beam_share\nfloat64 mean_gain\n"
     ),
-};
+);
 
 /// The strobe's pattern.
-pub const BEAM_PATTERN: OutputType = OutputType {
-    name: "unwater_msgs/msg/BeamPattern",
-    schema: with_header!(
+pub const BEAM_PATTERN: OutputType = OutputType::of_ros2(
+    "unwater_msgs/msg/BeamPattern",
+    with_header!(
         "# angles in the strobe's frame: theta = atan2(y, z), phi = atan2(x, z)\nfloat64[] theta_deg\nfloat64[] phi_deg\n# natural log of the gain, peak 0, NaN where never seen; one row per theta\nfloat64[] log_gain\n"
     ),
-};
+);
 
 /// Numbers that rerun plots by itself.
 pub const MULTI_ARRAY: OutputType = OutputType {
@@ -87,6 +179,8 @@ pub const MULTI_ARRAY: OutputType = OutputType {
         "================================================================================\nMSG: std_msgs/MultiArrayLayout\nstd_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n",
         "================================================================================\nMSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n"
     ),
+    ros1: None,
+    protobuf: Some(&ProtoType { name: "unwater_msgs.Numbers", fields: &[("label", 1, Form::Text), ("data", 2, Form::Doubles)] }),
 };
 
 /// A line for the viewers' log panels.
@@ -96,7 +190,32 @@ pub const LOG: OutputType = OutputType {
         "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\nbuiltin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n",
         "================================================================================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     ),
+    ros1: Some(("rosgraph_msgs/Log", ROS1_LOG)),
+    protobuf: Some(&ProtoType {
+        name: "foxglove.Log",
+        fields: &[
+            ("timestamp", 1, Form::Time),
+            ("level", 2, Form::Level),
+            ("message", 3, Form::Text),
+            ("name", 4, Form::Text),
+            ("file", 5, Form::Text),
+            ("line", 6, Form::Fixed32),
+        ],
+    }),
 };
+
+/// ROS 1 has capitals here, and its readers insist on them.
+const ROS1_CAMERA_INFO: &str = concat!(
+    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
+    "================================================================================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n",
+    "================================================================================\nMSG: sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n"
+);
+
+/// ROS 1's line of a log, whose levels are other numbers.
+const ROS1_LOG: &str = concat!(
+    "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\nstd_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\nstring[] topics\n",
+    "================================================================================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+);
 
 /// Weight of a log line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,82 +231,117 @@ fn time(stamp: Stamp) -> (i32, u32) {
 }
 
 /// A message begun with the header of the frame it speaks of, copied as it is.
-pub fn headed(heading: &Heading) -> Writer {
+pub fn headed(wire: OutputWire, heading: &Heading) -> Writer {
     let (sec, nanosec) = time(heading.stamp.unwrap_or_default());
-    Writer::new().header(sec, nanosec, &heading.frame_id)
+    Writer::new(wire).header(sec, nanosec, &heading.frame_id)
 }
 
-/// `sensor_msgs/msg/CompressedImage`; `format` is `jpeg` or `png`.
-pub fn compressed_image(heading: &Heading, format: &str, data: &[u8]) -> Vec<u8> {
-    headed(heading).text(format).bytes(data).finish()
+/// The header where protobuf has the frame's name at this number.
+fn begun(wire: OutputWire, heading: &Heading, frame_id: u32) -> Writer {
+    let (sec, nanosec) = time(heading.stamp.unwrap_or_default());
+    match wire {
+        OutputWire::Protobuf => Writer::new(wire).time(sec, nanosec).at(frame_id).text(&heading.frame_id),
+        OutputWire::Cdr | OutputWire::Ros1 => headed(wire, heading),
+    }
 }
 
-/// `sensor_msgs/msg/Image`, little-endian.
-pub fn image(heading: &Heading, width: usize, height: usize, encoding: &str, step: usize, data: &[u8]) -> Vec<u8> {
-    headed(heading).u32(height as u32).u32(width as u32).text(encoding).u8(0).u32(step as u32).bytes(data).finish()
+/// `CompressedImage`; `format` is `jpeg` or `png`.
+pub fn compressed_image(wire: OutputWire, heading: &Heading, format: &str, data: &[u8]) -> Vec<u8> {
+    begun(wire, heading, 4).at(3).text(format).at(2).bytes(data).finish()
 }
 
-/// `sensor_msgs/msg/CameraInfo` of a camera.
-pub fn camera_info(heading: &Heading, camera: &Camera) -> Vec<u8> {
+/// `Image`, little-endian.
+pub fn image(wire: OutputWire, heading: &Heading, width: usize, height: usize, encoding: &str, step: usize, data: &[u8]) -> Vec<u8> {
+    let sized = begun(wire, heading, 7).at(3).fixed32(height as u32).at(2).fixed32(width as u32).at(4).text(encoding);
+    // Foxglove's has no byte order: it is little-endian.
+    let ordered = if wire == OutputWire::Protobuf { sized } else { sized.u8(0) };
+    ordered.at(5).fixed32(step as u32).bytes(data).finish()
+}
+
+/// `CameraInfo` of a camera.
+pub fn camera_info(wire: OutputWire, heading: &Heading, camera: &Camera) -> Vec<u8> {
     let Camera { fx, fy, cx, cy, .. } = *camera;
-    headed(heading)
-        .u32(camera.height as u32)
-        .u32(camera.width as u32)
+    let sized = begun(wire, heading, 9).at(3).fixed32(camera.height as u32).at(2).fixed32(camera.width as u32);
+    let calibrated = sized
+        .at(4)
         .text(camera.distortion.name())
         .f64_sequence(&camera.distortion.coefficients())
         .f64_array(&[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
         .f64_array(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
-        .f64_array(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0])
-        .u32(0)
-        .u32(0)
-        .u32(0)
-        .u32(0)
-        .u32(0)
-        .u32(0)
-        .u8(0)
-        .finish()
+        .f64_array(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    match wire {
+        OutputWire::Protobuf => calibrated.finish(),
+        // binning, region of interest: none
+        OutputWire::Cdr | OutputWire::Ros1 => (0..6).fold(calibrated, |w, _| w.u32(0)).u8(0).finish(),
+    }
 }
 
-/// `std_msgs/msg/Float64MultiArray` with one labelled dimension.
-pub fn multi_array(label: &str, values: &[f64]) -> Vec<u8> {
+/// `Float64MultiArray` with one labelled dimension; label and numbers in protobuf.
+pub fn multi_array(wire: OutputWire, label: &str, values: &[f64]) -> Vec<u8> {
     let n = values.len() as u32;
-    Writer::new().u32(1).text(label).u32(n).u32(n).u32(0).f64_sequence(values).finish()
+    let labelled = match wire {
+        OutputWire::Protobuf => Writer::new(wire).text(label),
+        OutputWire::Cdr | OutputWire::Ros1 => Writer::new(wire).u32(1).text(label).u32(n).u32(n).u32(0),
+    };
+    labelled.f64_sequence(values).finish()
 }
 
-/// `rcl_interfaces/msg/Log`.
-pub fn log(stamp: Stamp, level: Level, text: &str) -> Vec<u8> {
+/// A line of a log.
+pub fn log(wire: OutputWire, stamp: Stamp, level: Level, text: &str) -> Vec<u8> {
     let (sec, nanosec) = time(stamp);
-    let level = match level {
-        Level::Info => 20,
-        Level::Warn => 30,
+    let level = match (wire, level) {
+        (OutputWire::Cdr, Level::Info) => 20,
+        (OutputWire::Cdr, Level::Warn) => 30,
+        (OutputWire::Ros1 | OutputWire::Protobuf, Level::Info) => 2,
+        (OutputWire::Ros1, Level::Warn) => 4,
+        (OutputWire::Protobuf, Level::Warn) => 3,
     };
-    Writer::new().i32(sec).u32(nanosec).u8(level).text("unwater").text(text).text("").text("").u32(0).finish()
+    let begun = Writer::new(wire);
+    match wire {
+        OutputWire::Cdr => begun.time(sec, nanosec).u8(level).text("unwater").text(text).text("").text("").u32(0).finish(),
+        OutputWire::Ros1 => begun.header(sec, nanosec, "").u8(level).text("unwater").text(text).text("").text("").u32(0).u32(0).finish(),
+        OutputWire::Protobuf => begun.time(sec, nanosec).u8(level).text(text).text("unwater").text("").fixed32(0).finish(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::messages::{cdr, ros_schema};
+    use crate::messages::Decoder;
+
+    const WIRES: [OutputWire; 3] = [OutputWire::Cdr, OutputWire::Ros1, OutputWire::Protobuf];
 
     #[test]
     fn what_is_written_reads_by_its_own_schema() {
         let heading = Heading { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
         let camera = Camera::from_field_of_view(640, 480, 60.0);
-        let cases = [
-            (COMPRESSED_IMAGE, compressed_image(&heading, "jpeg", &[1, 2, 3])),
-            (IMAGE, image(&heading, 2, 1, "rgb8", 6, &[0; 6])),
-            (CAMERA_INFO, camera_info(&heading, &camera)),
-            (MULTI_ARRAY, multi_array("attenuation_per_m", &[1.0, 2.0])),
-            (LOG, log(Stamp(5), Level::Warn, "dark")),
-        ];
-        for (kind, bytes) in cases {
-            let layout = ros_schema::parse(kind.name, kind.schema, ros_schema::Dialect::Ros2).expect(kind.name);
-            let value = cdr::read(&layout, &bytes).expect(kind.name);
-            match kind.name {
-                "sensor_msgs/msg/CameraInfo" => assert_eq!(value.numbers("k").map(|k| k[0]), Some(camera.fx)),
-                "std_msgs/msg/Float64MultiArray" => assert_eq!(value.numbers("data"), Some(vec![1.0, 2.0])),
-                "rcl_interfaces/msg/Log" => assert_eq!((value.integer("level"), value.text("msg")), (Some(30), Some("dark"))),
-                _ => assert_eq!(value.text("header.frame_id"), Some("cam")),
+        for wire in WIRES {
+            let frame = headed(wire, &heading).u8(1).text("why").f64s(&[0.5; 10]).finish();
+            let cases = [
+                (COMPRESSED_IMAGE, compressed_image(wire, &heading, "jpeg", &[1, 2, 3])),
+                (IMAGE, image(wire, &heading, 2, 1, "rgb8", 6, &[0; 6])),
+                (CAMERA_INFO, camera_info(wire, &heading, &camera)),
+                (MULTI_ARRAY, multi_array(wire, "attenuation_per_m", &[1.0, 2.0])),
+                (LOG, log(wire, Stamp(5_000_000_001), Level::Warn, "dark")),
+                (FRAME, frame),
+            ];
+            for (kind, bytes) in cases {
+                let schema = kind.schema_in(wire);
+                let decoder = Decoder::by_path(schema.message_encoding, &schema.name, schema.encoding, &schema.data).expect(kind.name);
+                let value = decoder.read(&bytes).expect(kind.name);
+                let said = crate::messages::heading(&value);
+                match kind.name {
+                    "sensor_msgs/msg/CameraInfo" => assert_eq!(value.numbers("k").map(|k| k[0]), Some(camera.fx)),
+                    "std_msgs/msg/Float64MultiArray" => assert_eq!(value.numbers("data"), Some(vec![1.0, 2.0])),
+                    "rcl_interfaces/msg/Log" => {
+                        assert_eq!(value.text("msg").or(value.text("message")), Some("dark"), "{wire:?}");
+                        assert_eq!((value.text("name"), said.stamp), (Some("unwater"), Some(Stamp(5_000_000_001))), "{wire:?}");
+                    }
+                    "unwater_msgs/msg/Frame" => {
+                        assert_eq!((value.flag("corrected"), value.number("mean_gain"), value.text("reason")), (Some(true), Some(0.5), Some("why")));
+                    }
+                    _ => assert_eq!((said.frame_id.as_str(), said.stamp), ("cam", heading.stamp), "{wire:?} {}", kind.name),
+                }
             }
         }
     }

@@ -93,8 +93,7 @@ impl Output {
             .compression_level(1)
             .compression_threads(0) // the default follows the machine, and so would the bytes
             .chunk_size(Some(config.chunk_size_mib << 20))
-            // The profile ros1 promises that every channel is; ours are CDR.
-            .profile(if profile == "ros1" { "" } else { profile })
+            .profile(profile)
             .library(concat!("unwater ", env!("CARGO_PKG_VERSION")))
             .create(BufWriter::with_capacity(1 << 20, file));
         let mut output = Self { target: target.into(), temporary, writer: None, sequences: BTreeMap::new() };
@@ -133,14 +132,14 @@ impl Output {
         self.with(|w| w.add_channel_with_id(id, channel.schema_id, &channel.topic, &channel.message_encoding, &channel.metadata)).map(drop)
     }
 
-    /// Adds a channel of ROS 2 messages.
+    /// Adds a channel of messages that are encoded so.
     ///
     /// # Errors
     /// Writing failed.
-    pub fn add_channel(&mut self, topic: &str, schema_name: &str, schema: &str) -> Result<NewChannel> {
+    pub fn add_channel(&mut self, topic: &str, message_encoding: &str, schema: &Schema) -> Result<NewChannel> {
         self.with(|w| {
-            let schema = w.add_schema(schema_name, "ros2msg", schema.as_bytes())?;
-            w.add_channel(schema, topic, "cdr", &BTreeMap::new())
+            let schema = w.add_schema(&schema.name, &schema.encoding, &schema.data)?;
+            w.add_channel(schema, topic, message_encoding, &BTreeMap::new())
         })
         .map(NewChannel)
     }
