@@ -30,8 +30,8 @@ pub enum Error {
         "{topic} holds {codec} video, not pictures, and a picture of it needs those before it; turn it into pictures first: `python3 examples/video_to_pictures.py IN.mcap OUT.mcap`, or in ROS 2 replay it through `ros2 run image_transport republish` (from ffmpeg or foxglove, to compressed) and record it anew"
     )]
     Video { topic: String, codec: String },
-    #[error("the log has {found} cameras: {topics}; say which with --camera TOPIC")]
-    SeveralCameras { found: usize, topics: String },
+    #[error("the log has {} cameras: {}; say which with --camera TOPIC", topics.len(), topics.join(", "))]
+    SeveralCameras { topics: Vec<String> },
     #[error("there is no {what} on topic {topic:?}; the log has {seen}")]
     NoSuchTopic { what: &'static str, topic: String, seen: String },
     #[error(

@@ -66,6 +66,9 @@ pub struct Report {
     pub camera_altitude_m: Option<[f64; 2]>,
     /// mean shares over the corrected frames
     pub mean_shares: BTreeMap<String, f64>,
+    /// cameras that were left as they are, and why, where the log has several
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub cameras_left_out: Vec<String>,
     /// what had to be assumed or mended
     pub remarks: Vec<String>,
     /// what may make the result worse
@@ -81,7 +84,7 @@ pub struct Report {
 impl Report {
     /// Whether something was lost on the way: the third state between done and failed.
     pub fn has_losses(&self) -> bool {
-        !self.uncorrected.is_empty() || !self.damage.is_empty()
+        !self.uncorrected.is_empty() || !self.damage.is_empty() || !self.cameras_left_out.is_empty()
     }
 
     /// As JSON.

@@ -5,27 +5,21 @@
 mod support;
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use libtest_mimic::{Arguments, Failed, Trial};
-use unwater::config::{Config, SeafloorConfig};
-use unwater::geometry::Pings;
-use unwater::messages::{Decoder, Kind};
+use support::{ensure, render::Dive, replay};
+use unwater::config::OutputEncoding;
 use unwater::model::ModelFile;
 use unwater::pipeline::{Options, Silent, correct};
 use unwater::recording::{Entry, Recording, Window};
 use unwater::report::Report;
-use unwater::spaces::Transform;
-use unwater::vehicle::{AttitudeTrack, Camera, DvlFacts, Ping, Rig, StrobeMount};
 
 fn run(input: &Path, options: &Options) -> Result<(tempfile::TempDir, PathBuf, Report, ModelFile), Failed> {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out.mcap");
     let (report, model) = correct(input, &out, None, options, &Silent)?;
     Ok((folder, out, report, model))
-}
-
-fn ensure(holds: bool, sentence: impl Into<String>) -> Result<(), Failed> {
-    if holds { Ok(()) } else { Err(Failed::from(sentence.into())) }
 }
 
 fn rendered_a(data: &Path) -> Result<(), Failed> {
@@ -65,75 +59,31 @@ fn corpus(data: &Path) -> Result<(), Failed> {
     ensure(checked >= 25, format!("{checked} files"))
 }
 
-/// One ping of a schemaless JSON message, as its channel would be read.
-fn ping(topic: &str, line: &str) -> Result<Option<Ping>, Failed> {
-    let decoder = Decoder::for_json(topic, line.as_bytes())?.ok_or("nothing that is read")?;
-    let Kind::Ping(_, read) = decoder.message_type.kind else { return Err("no ranges".into()) };
-    Ok(read(&decoder.read(line.as_bytes())?, &DvlFacts::default())?.ping)
-}
-
-/// The plane of one ping alone, its distance along the instrument's axis and along its own normal [m].
-fn plane(ping: Ping) -> Option<(f64, f64)> {
-    let rig = Rig {
-        camera: Camera::from_field_of_view(640, 480, 60.0),
-        body_from_optical: Transform::identity(),
-        body_from_dvl: Transform::identity(),
-        strobe: StrobeMount { body_from_strobe: Transform::identity(), source: None },
-    };
-    let stamp = ping.stamp;
-    let config = Config { seafloor: SeafloorConfig { least_altitude_m: 0.0, ..SeafloorConfig::default() }, ..Config::default() };
-    let plane = Pings::new(vec![ping], AttitudeTrack::default()).seafloor(stamp, &rig, &config.seafloor).ok()?;
-    Some((plane.distance_m / plane.normal.vector().z, plane.distance_m))
-}
-
-/// Median and 95 % of |a / b − 1|.
-fn deviations(pairs: &[(f64, f64)]) -> (f64, f64) {
-    let mut off: Vec<f64> = pairs.iter().map(|(a, b)| (a / b - 1.0).abs()).collect();
-    off.sort_by(f64::total_cmp);
-    (off[off.len() / 2], off[off.len() * 95 / 100])
-}
-
-/// A Water Linked A50's own stream: planes agree with its altitude, and every lost beam is one.
-fn a50(data: &Path) -> Result<(), Failed> {
-    let (mut pairs, mut lost) = (Vec::new(), 0);
-    for file in ["out20210528.txt", "out20210528_circle.txt", "out20210528_straight+turn360.txt", "out.txt"] {
-        let text = std::fs::read_to_string(data.join("dvl/dvl_waterlinked_a50").join(file))?;
-        for line in text.lines().filter(|l| l.contains("transducers")) {
-            let report: serde_json::Value = serde_json::from_str(line)?;
-            let said = report["transducers"].as_array().ok_or("no transducers")?;
-            let valid = |t: &serde_json::Value| t["beam_valid"] == true && t["distance"].as_f64().is_some_and(|d| d > 0.0);
-            let ping = ping("/dvl", line)?.ok_or("no ping")?;
-            for (beam, said) in ping.beams.iter().zip(said) {
-                ensure(beam.range.is_some() == valid(said), format!("{file}: a beam {said} is read as {beam:?}"))?;
-                lost += usize::from(beam.range.is_none());
-            }
-            let altitude = report["altitude"].as_f64().filter(|a| *a > 0.5 && report["velocity_valid"] == true && said.iter().all(valid));
-            pairs.extend(altitude.and_then(|a| Some((plane(ping)?.0, a))));
-        }
+/// What is written in each encoding, read by Python's readers.
+fn read_by_others() -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let dive = folder.path().join("dive.mcap");
+    Dive { frames: 14, width: 288, height: 216, focal_px: 340.0, ..Dive::default() }.write(&dive);
+    let mut model = None;
+    for (word, encoding) in [("cdr", OutputEncoding::Cdr), ("ros1", OutputEncoding::Ros1), ("protobuf", OutputEncoding::Protobuf)] {
+        let out = folder.path().join(format!("{word}.mcap"));
+        let mut options = Options::default();
+        options.config.output.encoding = encoding;
+        options.config.render.rectify = true;
+        let (report, found) = correct(&dive, &out, model.take(), &options, &Silent)?;
+        model = Some(found);
+        ensure(report.corrected == 14, format!("{word}: {} corrected", report.corrected))?;
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/read_by_others.py");
+        let ran = Command::new("python3").arg(script).arg(&out).arg(word).output()?;
+        let said = String::from_utf8_lossy(&ran.stderr);
+        ensure(ran.status.success(), format!("{word}: {said}"))?;
     }
-    let (median, most) = deviations(&pairs);
-    println!("A50: {} pings, median {:.2} %, 95 % within {:.2} %, {lost} beams lost", pairs.len(), 100.0 * median, 100.0 * most);
-    ensure(pairs.len() > 1000 && lost > 1000 && median < 0.01 && most < 0.02, format!("{} pings: {median}, {most}", pairs.len()))
+    Ok(())
 }
 
-/// A Teledyne's vertical ranges as `RdiPD0`, against the altitude that the vehicle logged beside them.
-fn pd0(data: &Path) -> Result<(), Failed> {
-    let bytes = std::fs::read(data.join("dvl/dvl_pd0/remus_vehicle_log_subset_reduced.csv"))?;
-    let mut pairs = Vec::new();
-    for line in String::from_utf8_lossy(&bytes).lines().filter(|l| l.starts_with("1141,")) {
-        let cells: Vec<f64> = line.split(',').map(|c| c.parse().unwrap_or(f64::NAN)).collect();
-        let message = serde_json::json!({ "range": cells[10..14], "config_beamangle": 30.0, "altitude": cells[9] }).to_string();
-        let ping = ping("/dvl/pd0", &message)?.ok_or("no ping")?;
-        for (beam, sent) in ping.beams.iter().zip(&cells[10..14]) {
-            ensure(beam.range.is_some() == (*sent > 0.0), format!("{line}: {beam:?}"))?;
-        }
-        if ping.returns() == 4 && cells[9] > 0.5 {
-            pairs.extend(plane(ping).map(|p| (p.1, cells[9])));
-        }
-    }
-    let (median, most) = deviations(&pairs);
-    println!("PD0: {} pings, median {:.2} %, 95 % within {:.2} %", pairs.len(), 100.0 * median, 100.0 * most);
-    ensure(pairs.len() > 10 && median < 0.02, format!("{} pings: {median}, {most}", pairs.len()))
+fn has_readers() -> bool {
+    let wanted = "import mcap, mcap_ros1, mcap_ros2, mcap_protobuf";
+    Command::new("python3").args(["-c", wanted]).output().is_ok_and(|ran| ran.status.success())
 }
 
 fn main() {
@@ -148,15 +98,19 @@ fn main() {
         ("auv_set07 finishes", Box::new(|d| finishes(d, "real/auv_set07.mcap", 8))),
         ("towed_port finishes", Box::new(|d| finishes(d, "real/towed_port.mcap", 50))),
         ("MCAP corpus is read", Box::new(corpus)),
-        ("a Water Linked A50 agrees with itself", Box::new(a50)),
-        ("a Teledyne PD0 agrees with its vehicle", Box::new(pd0)),
+        ("a Water Linked A50 agrees with itself", Box::new(replay::a50)),
+        ("a Teledyne PD0 agrees with its vehicle", Box::new(replay::pd0)),
+        ("a Nortek DVL333 agrees with itself", Box::new(replay::dvl333)),
+        ("a Ping altimeter's drop-outs are seen", Box::new(replay::ping1d)),
     ];
+    let others = Trial::test("every output encoding is read by others (Python)", read_by_others).with_ignored_flag(!has_readers());
     let trials = checks
         .into_iter()
         .map(|(name, check)| {
             let data = data.clone();
             Trial::test(name, move || check(&data)).with_ignored_flag(missing)
         })
+        .chain([others])
         .collect();
     if missing {
         eprintln!("UNWATER_DATA names no folder: the tests on dives are skipped");

@@ -12,6 +12,7 @@ use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
 use crate::model::ModelFile;
+use crate::pipeline::clock_offsets::clock_offsets;
 use crate::pipeline::{self, Options, corrected_topic, output_container, survey};
 use crate::recording::Recording;
 use crate::report::Report;
@@ -54,19 +55,33 @@ fn correct(args: &Correct) -> Result<Ended> {
         }
     };
     let given = model.is_some();
-    let (report, model) = pipeline::correct(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
-    if !args.shared.quiet {
+    let cameras = pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
+    for (report, _) in cameras.iter().filter(|_| !args.shared.quiet) {
         complain(&report.warnings, &report.remarks, args.shared.verbose);
         for damage in &report.damage {
             eprintln!("lost: {} (byte {}, log time {} to {})", damage.reason, damage.offset, damage.start_ns, damage.end_ns);
         }
+        for camera in &report.cameras_left_out {
+            eprintln!("left as it is: {camera}");
+        }
     }
-    if args.json {
-        say(&report.to_json());
-    } else if !args.shared.quiet {
-        say(&summary(&report, &model, given, &output));
+    match &cameras[..] {
+        [(report, _)] if args.json => say(&report.to_json()),
+        several if args.json => {
+            let reports: Vec<&Report> = several.iter().map(|(report, _)| report).collect();
+            say(&(serde_json::to_string_pretty(&reports).unwrap_or_default() + "\n"));
+        }
+        _ if args.shared.quiet => {}
+        cameras => {
+            for (report, model) in cameras {
+                if cameras.len() > 1 {
+                    say(&format!("camera       {}\n", report.camera_topic));
+                }
+                say(&summary(report, model, given, &output));
+            }
+        }
     }
-    Ok(if report.has_losses() { Ended::DoneWithLosses } else { Ended::Done })
+    Ok(if cameras.iter().any(|(report, _)| report.has_losses()) { Ended::DoneWithLosses } else { Ended::Done })
 }
 
 fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
@@ -200,30 +215,12 @@ fn inspect(args: &Inspect) -> Result<Ended> {
     let damage = scan.damage.clone();
     let (messages, span) = (scan.messages, scan.span);
     let survey = survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
-    let plan = survey.as_ref().ok().map(|s| {
-        let planes: Vec<_> = s.frames.iter().map(|f| s.pings.seafloor(f.stamp, &s.rig, &options.config.seafloor)).collect();
-        let altitudes: Vec<f64> = planes
-            .iter()
-            .flatten()
-            .map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector()))
-            .collect();
-        let container = output_container(s.container, &options.config);
-        json!({
-            "camera": s.camera_topic,
-            "frames": s.frames.len(),
-            "frames_with_seafloor": altitudes.len(),
-            "camera_altitude_m": if altitudes.is_empty() { None } else { Some([altitudes.iter().copied().fold(f64::INFINITY, f64::min), altitudes.iter().copied().fold(0.0, f64::max)]) },
-            "dvl": s.dvl_topic,
-            "pings": s.pings.all().len(),
-            "attitude": s.attitude_topic,
-            "strobe": s.rig.strobe.source,
-            "white_level": s.white_level,
-            "corrected_topic": corrected_topic(&s.camera_topic, container != Container::Raw),
-            "remarks": s.remarks,
-            "warnings": s.warnings,
-        })
-    });
-    let missing = survey.as_ref().err().map(ToString::to_string);
+    let (plans, missing) = match survey {
+        Ok(survey) if args.clocks => each_plan(&args.input, &options, vec![survey.camera_topic], true),
+        Ok(survey) => (vec![plan(&survey, &options)], Vec::new()),
+        Err(Error::SeveralCameras { topics }) => each_plan(&args.input, &options, topics, args.clocks),
+        Err(e) => (Vec::new(), vec![e.to_string()]),
+    };
     let document = json!({
         "file": args.input.display().to_string(),
         "bytes": recording.bytes().len(),
@@ -238,8 +235,9 @@ fn inspect(args: &Inspect) -> Result<Ended> {
         "metadata": recording.metadata.iter().map(|m| m.name.clone()).collect::<Vec<_>>(),
         "damage": damage,
         "channels": channels,
-        "plan": plan,
-        "missing": missing,
+        "plan": plans.first(),
+        "plans": plans,
+        "missing": if missing.is_empty() { None } else { Some(missing.join("; ")) },
     });
     if args.json {
         say(&(serde_json::to_string_pretty(&document).unwrap_or_default() + "\n"));
@@ -247,6 +245,48 @@ fn inspect(args: &Inspect) -> Result<Ended> {
         say(&inspect_text(&document));
     }
     Ok(if damage.is_empty() { Ended::Done } else { Ended::DoneWithLosses })
+}
+
+/// What would be done with each camera of a log that has several, and what keeps others from it.
+fn each_plan(input: &Path, options: &Options, topics: Vec<String>, with_clocks: bool) -> (Vec<serde_json::Value>, Vec<String>) {
+    let (mut plans, mut missing) = (Vec::new(), Vec::new());
+    for topic in topics {
+        let mut chosen = options.clone();
+        chosen.selection.camera = Some(topic.clone());
+        match pipeline::prepare(input, &chosen) {
+            Ok(prepared) => {
+                let mut plan = plan(&prepared.survey, &chosen);
+                if with_clocks && let Ok(found) = clock_offsets(&prepared, &chosen) {
+                    plan["clocks"] = json!(found.sentences(&prepared.survey, &chosen.rig));
+                }
+                plans.push(plan);
+            }
+            Err(e) => missing.push(format!("{topic}: {e}")),
+        }
+    }
+    (plans, missing)
+}
+
+/// What would be done with a camera.
+fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
+    let planes: Vec<_> = s.frames.iter().map(|f| s.pings.seafloor(f.stamp, &s.rig, &options.config.seafloor)).collect();
+    let altitudes: Vec<f64> =
+        planes.iter().flatten().map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector())).collect();
+    let container = output_container(s.container, &options.config);
+    json!({
+        "camera": s.camera_topic,
+        "frames": s.frames.len(),
+        "frames_with_seafloor": altitudes.len(),
+        "camera_altitude_m": if altitudes.is_empty() { None } else { Some([altitudes.iter().copied().fold(f64::INFINITY, f64::min), altitudes.iter().copied().fold(0.0, f64::max)]) },
+        "dvl": s.dvl_topic,
+        "pings": s.pings.all().len(),
+        "attitude": s.attitude_topic,
+        "strobe": s.rig.strobe.source,
+        "white_level": s.white_level,
+        "corrected_topic": corrected_topic(&s.camera_topic, container != Container::Raw),
+        "remarks": s.remarks,
+        "warnings": s.warnings,
+    })
 }
 
 fn inspect_text(d: &serde_json::Value) -> String {
@@ -269,8 +309,7 @@ fn inspect_text(d: &serde_json::Value) -> String {
     for damage in list(&d["damage"]) {
         line(format!("damage: {} (byte {}, log time {} to {})", word(&damage["reason"]), damage["offset"], damage["start_ns"], damage["end_ns"]));
     }
-    let plan = &d["plan"];
-    if plan.is_object() {
+    for plan in list(&d["plans"]) {
         let range = plan["camera_altitude_m"].as_array().map_or_else(String::new, |r| {
             format!(", camera {:.2} to {:.2} m above it", r[0].as_f64().unwrap_or(f64::NAN), r[1].as_f64().unwrap_or(f64::NAN))
         });
@@ -278,6 +317,9 @@ fn inspect_text(d: &serde_json::Value) -> String {
         line(format!("  seafloor from {} ({} pings): below {} frames{range}", word(&plan["dvl"]), plan["pings"], plan["frames_with_seafloor"]));
         line(format!("  attitude from {}", plan["attitude"].as_str().unwrap_or("nothing")));
         line(format!("  strobe from {}", plan["strobe"].as_str().unwrap_or("nothing: taken to sit at the camera")));
+        for clock in list(&plan["clocks"]) {
+            line(format!("  clock: {}", word(&clock)));
+        }
         for remark in list(&plan["remarks"]) {
             line(format!("  note: {}", word(&remark)));
         }

@@ -1,6 +1,7 @@
 //! The whole run on one screen: scan the log, survey it, estimate (pass one), correct (pass two).
 
 mod beam_picture;
+pub mod clock_offsets;
 mod mount_words;
 mod ordered_map;
 mod pass_one;
@@ -12,12 +13,13 @@ use std::path::Path;
 
 use sha2::Digest;
 
-use crate::config::{Config, Estimator, Method, Spreading};
-use crate::correct::{Correction, rendering};
+use crate::config::{Config, Estimator, Method, OutputEncoding, Spreading};
+use crate::correct::{Correction, FrameAverage, rendering};
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
 use crate::geometry::LightPath;
 use crate::image::{Bands, Container};
+use crate::messages::writer::OutputWire;
 use crate::model::{
     BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, Frustum, GlowTable, ImagingModel, InputFile, LightSettingFile, ModelFile, RenderingFile,
     SpreadingModel, StrobeFile,
@@ -25,12 +27,12 @@ use crate::model::{
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::spaces::{Body, Optical, Strobe, Transform};
-use crate::vehicle::{MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
+use crate::vehicle::{CameraFacts, MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
 
 use mount_words::mount_check;
 use ordered_map::Threads;
 use pass_one::{Collected, collect};
-use pass_two::PassTwo;
+use pass_two::{OfCamera, PassTwo, place_of};
 pub use pass_two::{corrected_topic, method_name, output_container};
 use scan::{Scan, scan};
 use survey::{Selection, Survey, survey};
@@ -138,69 +140,156 @@ pub fn estimate_logs(paths: &[&Path], options: &Options, progress: &dyn Progress
     Ok((model_of(collected, options)?, warnings))
 }
 
-/// Both passes, or pass two alone where a model is given: IN → OUT.
+/// Both passes, or pass two alone where a model is given, of one camera: IN → OUT.
 ///
 /// # Errors
-/// Nothing stands under OUT's name then.
+/// Nothing stands under OUT's name then. Several cameras of which none was chosen are an error too.
 pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &Options, progress: &dyn Progress) -> Result<(Report, ModelFile)> {
+    ensure_writable(input, output, options)?;
+    let threads = Threads::new(options.threads);
+    let ready = make_ready(input, model, options, &threads, progress)?;
+    let mut done = write_corrected(output, vec![ready], options, &threads, progress, Vec::new())?;
+    done.pop().ok_or_else(|| Error::Usage("no camera".into()))
+}
+
+/// As [`correct`]; where the log has several cameras and none was chosen, each with a model of its own.
+///
+/// # Errors
+/// As [`correct`]; a camera that cannot be corrected is left as it is, and listed, where another one can.
+pub fn correct_all(
+    input: &Path,
+    output: &Path,
+    model: Option<ModelFile>,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Vec<(Report, ModelFile)>> {
+    ensure_writable(input, output, options)?;
+    let threads = Threads::new(options.threads);
+    let of_one = model.is_some() || options.rig.camera != CameraFacts::default();
+    let (mut ready, mut left_out) = (Vec::new(), Vec::new());
+    match make_ready(input, model, options, &threads, progress) {
+        // A model and a rig file speak of one camera.
+        Err(Error::SeveralCameras { topics }) if !of_one => {
+            let mut first_error = None;
+            for topic in topics {
+                let mut chosen = options.clone();
+                chosen.selection.camera = Some(topic.clone());
+                match make_ready(input, None, &chosen, &threads, progress) {
+                    Ok(camera) => ready.push(camera),
+                    Err(e) => {
+                        left_out.push(format!("{topic}: {e}"));
+                        first_error.get_or_insert(e);
+                    }
+                }
+            }
+            if let (true, Some(error)) = (ready.is_empty(), first_error) {
+                return Err(error);
+            }
+        }
+        one => ready.push(one?),
+    }
+    write_corrected(output, ready, options, &threads, progress, left_out)
+}
+
+fn ensure_writable(input: &Path, output: &Path, options: &Options) -> Result<()> {
     options.config.ensure_valid().map_err(Error::Usage)?;
     ensure_distinct(input, output, options.force)?;
+    only(options).map(drop)
+}
+
+/// `--only`
+fn only(options: &Options) -> Result<Option<regex::Regex>> {
     let only = options.config.output.only.as_ref().map(|o| regex::Regex::new(o)).transpose();
-    let only = only.map_err(|e| Error::Usage(format!("--only: {e}")))?;
-    let threads = Threads::new(options.threads);
+    only.map_err(|e| Error::Usage(format!("--only: {e}")))
+}
+
+/// A camera of which all is known that pass two needs.
+struct Ready {
+    prepared: Prepared,
+    file: ModelFile,
+    model: ImagingModel,
+    glow: Option<GlowTable>,
+    average: FrameAverage,
+    rig_toml: String,
+}
+
+fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Ready> {
     let mut prepared = prepare(input, options)?;
     let method = options.config.render.method;
-    let (file, collected) = match model {
+    let (file, average) = match model {
         // Exposure goes with what is removed: a model made for another method is shown anew, from samples without keypoints.
-        Some(file) if file.rendering.method == method && method != Method::FrameAverage => (file, None),
+        Some(file) if file.rendering.method == method && method != Method::FrameAverage => (file, Default::default()),
         Some(mut file) => {
             let mut quick = options.clone();
             quick.config.estimate.estimator = Estimator::Altitude;
-            let collected = pass_one(&prepared, &quick, &threads, progress)?;
+            let collected = pass_one(&prepared, &quick, threads, progress)?;
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
             let mount = strobe_of(&file, &prepared.survey.rig).body_from_strobe;
             file.rendering = shown(&collected.frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
-            (file, Some(collected))
+            (file, collected.average)
         }
         None => {
-            let mut collected = pass_one(&prepared, options, &threads, progress)?;
+            let mut collected = pass_one(&prepared, options, threads, progress)?;
             let average = std::mem::take(&mut collected.average);
-            (model_of(vec![(&prepared, collected)], options)?, Some(Collected { average, ..Collected::default() }))
+            (model_of(vec![(&prepared, collected)], options)?, average)
         }
     };
     // The pattern's angles are about the strobe that the model was made with.
     prepared.survey.rig.strobe = strobe_of(&file, &prepared.survey.rig);
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
     prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
-    ensure_not_corrected(&prepared, &options.config, only.as_ref())?;
-    let source_sha256 = sha256(prepared.recording.bytes());
-    let out = Output::create(output, &prepared.recording.profile, &options.config.output)?;
-    let imaging_model = file.imaging_model().map_err(Error::Usage)?;
-    let glow = glow_table(&imaging_model, &prepared.survey.rig, method);
-    let correction = Correction {
-        model: &imaging_model,
-        glow: imaging_model.backscatter.as_ref().zip(glow.as_ref()),
-        rendering: &file.rendering,
-        config: &options.config.render,
-        frame_average: collected.as_ref().map(|c| &c.average).filter(|a| !a.is_empty()),
-        clipped_above: options.config.estimate.clipped_above as f32,
-    };
+    ensure_not_corrected(&prepared, &options.config, only(options)?.as_ref())?;
+    let model = file.imaging_model().map_err(Error::Usage)?;
+    let glow = glow_table(&model, &prepared.survey.rig, method);
     let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();
+    Ok(Ready { prepared, file, model, glow, average, rig_toml })
+}
+
+impl Ready {
+    fn for_pass_two<'r>(&'r self, is_first: bool, options: &'r Options, wire: OutputWire) -> OfCamera<'r> {
+        let Self { prepared: Prepared { scan, survey, .. }, file, model, glow, average, rig_toml } = self;
+        let correction = Correction {
+            model,
+            glow: model.backscatter.as_ref().zip(glow.as_ref()),
+            rendering: &file.rendering,
+            config: &options.config.render,
+            frame_average: Some(average).filter(|a| !a.is_empty()),
+            clipped_above: options.config.estimate.clipped_above as f32,
+        };
+        let place = if is_first { String::new() } else { place_of(&survey.camera_topic) };
+        OfCamera { scan, survey, config: &options.config, wire, file, model, correction, rig_toml, place }
+    }
+}
+
+/// Pass two over all cameras at once.
+fn write_corrected(
+    output: &Path,
+    cameras: Vec<Ready>,
+    options: &Options,
+    threads: &Threads,
+    progress: &dyn Progress,
+    left_out: Vec<String>,
+) -> Result<Vec<(Report, ModelFile)>> {
+    let Some(first) = cameras.first().map(|c| &c.prepared) else { return Err(Error::Usage("no camera".into())) };
+    let wire = output_wire(first, &options.config);
+    // A profile promises how every channel is encoded.
+    let profile = match (first.recording.profile.as_str(), wire) {
+        ("ros1", OutputWire::Cdr | OutputWire::Protobuf) | ("ros2", OutputWire::Ros1 | OutputWire::Protobuf) => "",
+        (profile, _) => profile,
+    };
+    let source_sha256 = sha256(first.recording.bytes());
+    let out = Output::create(output, profile, &options.config.output)?;
     let pass_two = PassTwo {
-        recording: &prepared.recording,
-        scan: &prepared.scan,
-        survey: &prepared.survey,
+        recording: &first.recording,
         window: options.window(),
         config: &options.config,
-        file: &file,
-        model: &imaging_model,
-        correction,
+        cameras: cameras.iter().enumerate().map(|(i, camera)| camera.for_pass_two(i == 0, options, wire)).collect(),
         source_sha256: &source_sha256,
-        rig_toml: &rig_toml,
-        only,
+        only: only(options)?,
+        left_out,
     };
-    let report = pass_two.run(out, &threads, progress)?;
-    Ok((report, file))
+    let reports = pass_two.run(out, threads, progress)?;
+    Ok(reports.into_iter().zip(cameras).map(|(report, camera)| (report, camera.file)).collect())
 }
 
 /// What the water scatters back, ray by ray, for methods that take the water away.
@@ -346,6 +435,17 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         segments: found.model.over_time.clone(),
         rendering,
         inputs,
+    }
+}
+
+/// How added messages are encoded.
+fn output_wire(prepared: &Prepared, config: &Config) -> OutputWire {
+    let of_camera = prepared.survey.camera_channels.first().and_then(|id| prepared.recording.channels.get(id));
+    match config.output.encoding {
+        OutputEncoding::Auto if of_camera.is_some_and(|c| c.message_encoding == "protobuf") => OutputWire::Protobuf,
+        OutputEncoding::Auto | OutputEncoding::Cdr => OutputWire::Cdr,
+        OutputEncoding::Ros1 => OutputWire::Ros1,
+        OutputEncoding::Protobuf => OutputWire::Protobuf,
     }
 }
 

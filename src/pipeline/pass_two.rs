@@ -3,27 +3,23 @@
 use std::collections::BTreeMap;
 
 use crate::config::{Config, ImageFormat, Method};
-use crate::correct::{Corrected, Correction, FrameFacts};
+use crate::correct::FrameFacts;
 use crate::error::Result;
-use crate::geometry::{NoSeafloor, SeafloorPlane, View};
-use crate::image::decode::{Light, decode};
+use crate::geometry::SeafloorPlane;
+use crate::image::Container;
 use crate::image::transfer::SrgbTable;
-use crate::image::{Container, LinearImage, encode};
-use crate::messages::output::{self, OutputType};
-use crate::messages::{Heading, Kind, heading};
-use crate::model::{ImagingModel, LightSettingFile, ModelFile};
+use crate::messages::Heading;
 use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
 use crate::report::{Reason, Report};
-use crate::units::Stamp;
 
 use super::ordered_map::{Threads, ordered_map};
-use super::scan::Scan;
-use super::survey::Survey;
 use super::{Progress, Step};
 
 mod frame_messages;
+mod of_camera;
 mod tally;
 
+pub use of_camera::OfCamera;
 use tally::Tally;
 
 /// Bytes of messages in a batch, at most; frames are bounded by the number of threads as well.
@@ -38,6 +34,15 @@ pub fn corrected_topic(camera_topic: &str, compressed: bool) -> String {
         None => elements.push("image_corrected"),
     }
     elements.join("/") + if compressed { "/compressed" } else { "" }
+}
+
+/// What tells a camera from others in names: its topic without the pictures' own element.
+pub fn place_of(camera_topic: &str) -> String {
+    let base = camera_topic.strip_suffix("/compressed").unwrap_or(camera_topic);
+    let elements: Vec<&str> = base.split('/').filter(|e| !e.is_empty()).collect();
+    let camera: Vec<&str> = elements.iter().copied().filter(|e| !e.starts_with("image")).collect();
+    let told: String = if camera.is_empty() { elements } else { camera }.iter().map(|e| format!("/{e}")).collect();
+    told
 }
 
 /// The container corrected pictures go out in.
@@ -77,13 +82,13 @@ struct Done {
 
 enum Item {
     Other(Message),
-    Frame(usize, Message),
+    Frame { camera: usize, index: usize, message: Message },
     Damaged,
 }
 
 enum Outcome {
     Other(Message),
-    Frame(Box<Done>),
+    Frame(usize, Box<Done>),
     Damaged,
 }
 
@@ -91,72 +96,75 @@ enum Outcome {
 pub struct PassTwo<'p> {
     /// the log
     pub recording: &'p Recording,
-    /// its scan
-    pub scan: &'p Scan,
-    /// its survey
-    pub survey: &'p Survey,
     /// the stretch that is written
     pub window: Window,
     /// the choices
     pub config: &'p Config,
-    /// the model as a file
-    pub file: &'p ModelFile,
-    /// the model
-    pub model: &'p ImagingModel,
-    /// how frames are corrected
-    pub correction: Correction<'p>,
+    /// the cameras that are corrected: one, mostly
+    pub cameras: Vec<OfCamera<'p>>,
     /// the input's fingerprint
     pub source_sha256: &'p str,
-    /// the rig, as a rig file's text
-    pub rig_toml: &'p str,
     /// topics that are kept, where the user narrows them
     pub only: Option<regex::Regex>,
+    /// cameras that cannot be corrected, and why
+    pub left_out: Vec<String>,
+}
+
+/// What is known of a camera while the log is written.
+struct Account {
+    added: Added,
+    tally: Tally,
+    report: Report,
 }
 
 impl PassTwo<'_> {
-    /// Writes the corrected log and returns the account of it.
+    /// Writes the corrected log and returns the account of it, camera by camera.
     ///
     /// # Errors
     /// Writing failed.
-    pub fn run(&self, mut out: Output, threads: &Threads, progress: &dyn Progress) -> Result<Report> {
-        let container = output_container(self.survey.container, self.config);
-        let mut report = self.empty_report(container);
-        let kept = self.copy_declarations(&mut out, &mut report)?;
-        let added = self.add_channels(&mut out, container)?;
+    pub fn run(&self, mut out: Output, threads: &Threads, progress: &dyn Progress) -> Result<Vec<Report>> {
+        let mut warnings = Vec::new();
+        let kept = self.copy_declarations(&mut out, &mut warnings)?;
+        let account = |camera: &OfCamera<'_>, out: &mut Output| -> Result<Account> {
+            Ok(Account { added: camera.add_channels(out)?, tally: Tally::default(), report: camera.empty_report(self.recording) })
+        };
+        let mut accounts = self.cameras.iter().map(|camera| account(camera, &mut out)).collect::<Result<Vec<_>>>()?;
         let srgb = SrgbTable::new();
 
-        progress.begin(Step::Correct, self.survey.frames.len());
-        let mut next_frame = 0;
+        progress.begin(Step::Correct, self.cameras.iter().map(|c| c.survey.frames.len()).sum());
+        let mut next_frame = vec![0; self.cameras.len()];
         let items = self.recording.messages(self.window).map(|entry| match entry {
-            Entry::Message(m) if self.survey.camera_channels.contains(&m.channel) => {
-                next_frame += 1;
-                Item::Frame(next_frame - 1, m)
-            }
-            Entry::Message(m) => Item::Other(m),
+            Entry::Message(m) => match self.cameras.iter().position(|c| c.survey.camera_channels.contains(&m.channel)) {
+                Some(camera) => {
+                    next_frame[camera] += 1;
+                    Item::Frame { camera, index: next_frame[camera] - 1, message: m }
+                }
+                None => Item::Other(m),
+            },
             Entry::Damaged(_) => Item::Damaged, // the scan has listed it
         });
         let frame_weight = BATCH_BYTES / (2 * threads.count());
         let weigh = |item: &Item| match item {
-            Item::Frame(_, m) => frame_weight.max(m.data().len()),
+            Item::Frame { message, .. } => frame_weight.max(message.data().len()),
             Item::Other(m) => m.data().len() + 64,
             Item::Damaged => 0,
         };
         let work = |item| match item {
             Item::Other(m) => Outcome::Other(m),
             Item::Damaged => Outcome::Damaged,
-            Item::Frame(index, m) => Outcome::Frame(Box::new(self.frame(index, m, container, &srgb))),
+            Item::Frame { camera, index, message } => Outcome::Frame(camera, Box::new(self.cameras[camera].frame(index, message, &srgb))),
         };
-        let mut tally = Tally::default();
+        let mut copied = 0;
         ordered_map(items, BATCH_BYTES, weigh, threads, work, |outcome| -> Result<()> {
             match outcome {
                 Outcome::Damaged => {}
                 Outcome::Other(m) => {
                     if kept.get(&m.channel).copied().unwrap_or(false) {
                         out.copy(&m)?;
-                        report.messages_copied += 1;
+                        copied += 1;
                     }
                 }
-                Outcome::Frame(done) => {
+                Outcome::Frame(camera, done) => {
                     let keep = match kept.get(&done.message.channel) {
                         Some(true) => true,
                         // `--drop-raw` leaves out what has a corrected twin; a frame without one is all there is of it.
@@ -168,10 +176,11 @@ impl PassTwo<'_> {
                     };
                     if keep {
                         out.copy(&done.message)?;
-                        report.messages_copied += 1;
+                        copied += 1;
                     }
+                    let Account { added, tally, report } = &mut accounts[camera];
                     tally.count(&done);
-                    report.messages_added += self.write_frame(&mut out, &added, &done, report.frames == 0, &tally)?;
+                    report.messages_added += self.cameras[camera].write_frame(&mut out, added, &done, report.frames == 0, tally)?;
                     report.frames += 1;
                     progress.advance(1);
                 }
@@ -179,47 +188,35 @@ impl PassTwo<'_> {
             Ok(())
         })?;
         progress.end();
-        tally.into_report(&mut report);
-        self.finish(out, &mut report)?;
-        Ok(report)
-    }
-
-    fn empty_report(&self, container: Container) -> Report {
-        Report {
-            version: env!("CARGO_PKG_VERSION").into(),
-            source: self.recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-            camera_topic: self.survey.camera_topic.clone(),
-            corrected_topic: corrected_topic(&self.survey.camera_topic, container != Container::Raw),
-            dvl_topic: self.survey.dvl_topic.clone(),
-            method: method_name(self.config.render.method).into(),
-            remarks: self.survey.remarks.clone(),
-            warnings: self
-                .survey
-                .warnings
-                .iter()
-                .chain(&self.file.warnings)
-                .cloned()
-                .chain(self.file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")))
-                .collect(),
-            damage: self.scan.damage.iter().cloned().chain(self.scan.homeless_damage()).collect(),
-            ..Report::default()
+        let finished = |Account { tally, mut report, .. }: Account| {
+            tally.into_report(&mut report);
+            report
+        };
+        let mut reports: Vec<Report> = accounts.into_iter().map(finished).collect();
+        if let (Some(report), Some(camera)) = (reports.first_mut(), self.cameras.first()) {
+            // What is said of the log as a whole stands with the first camera.
+            report.messages_copied = copied;
+            report.warnings.extend(warnings);
+            report.damage = camera.scan.damage.iter().cloned().chain(camera.scan.homeless_damage()).collect();
+            report.cameras_left_out.clone_from(&self.left_out);
         }
+        self.finish(out, &mut reports)?;
+        Ok(reports)
     }
 
     /// Copies every schema and every channel that is kept; says which channels those are.
-    fn copy_declarations(&self, out: &mut Output, report: &mut Report) -> Result<BTreeMap<u16, bool>> {
+    fn copy_declarations(&self, out: &mut Output, warnings: &mut Vec<String>) -> Result<BTreeMap<u16, bool>> {
         for (id, schema) in &self.recording.schemas {
             out.copy_schema(*id, schema)?;
         }
         let mut kept = BTreeMap::new();
         for (id, channel) in &self.recording.channels {
-            let raw = self.config.output.drop_raw && self.survey.camera_channels.contains(id);
+            let raw = self.config.output.drop_raw && self.cameras.iter().any(|c| c.survey.camera_channels.contains(id));
             let keep = !raw && self.only.as_ref().is_none_or(|only| only.is_match(&channel.topic));
             kept.insert(*id, keep);
             if keep {
                 if channel.schema_id != 0 && !self.recording.schemas.contains_key(&channel.schema_id) {
-                    report
-                        .warnings
+                    warnings
                         .push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
                 }
                 self.copy_channel(out, *id)?;
@@ -234,156 +231,52 @@ impl PassTwo<'_> {
         out.copy_channel(id, &crate::recording::Channel { schema_id, ..channel.clone() })
     }
 
-    fn add_channels(&self, out: &mut Output, container: Container) -> Result<Added> {
-        let mut add = |topic: &str, kind: OutputType| out.add_channel(topic, kind.name, kind.schema);
-        let compressed = container != Container::Raw;
-        let corrected = corrected_topic(&self.survey.camera_topic, compressed);
-        Ok(Added {
-            corrected: add(&corrected, if compressed { output::COMPRESSED_IMAGE } else { output::IMAGE })?,
-            camera_info: if self.config.render.rectify {
-                Some(add(&(corrected_topic(&self.survey.camera_topic, false) + "/camera_info"), output::CAMERA_INFO)?)
-            } else {
-                None
-            },
-            attenuation: add("/unwater/attenuation", output::ATTENUATION)?,
-            seafloor: add("/unwater/seafloor", output::SEAFLOOR)?,
-            beam_pattern: add("/unwater/beam_pattern", output::BEAM_PATTERN)?,
-            beam_picture: add("/unwater/beam_pattern/picture/compressed", output::COMPRESSED_IMAGE)?,
-            frame: add("/unwater/frame", output::FRAME)?,
-            log: add("/unwater/log", output::LOG)?,
-            plot_attenuation: add("/unwater/plot/attenuation_per_m", output::MULTI_ARRAY)?,
-            plot_altitude: add("/unwater/plot/camera_altitude_m", output::MULTI_ARRAY)?,
-            plot_residual: add("/unwater/plot/seafloor_residual_m", output::MULTI_ARRAY)?,
-        })
-    }
-
-    /// One frame, on whichever core: decode, find its plane, correct, encode.
-    fn frame(&self, index: usize, message: Message, container: Container, srgb: &SrgbTable) -> Done {
-        let mut said = Heading::default();
-        let mut plane = None;
-        let result = (|| {
-            let decoder = self.scan.decoders.get(&message.channel).ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
-            let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
-            said = heading(&value);
-            let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
-            let light = Light { transfer: self.config.light.transfer, white_level: self.survey.white_level };
-            let mut picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
-            self.survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).map_err(|_sizes| Reason::WrongSize)?;
-            let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
-            let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
-                NoSeafloor::NoPing { .. } => Reason::NoPing,
-                NoSeafloor::NoReturn => Reason::NoReturn,
-                NoSeafloor::Impossible => Reason::ImpossiblePlane,
-            })?;
-            plane = Some(found);
-            let camera = self.survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height).ok_or(Reason::WrongSize)?;
-            let (coding, bands) = (picture.coding, picture.image.bands());
-            if bands != self.model.bands {
-                return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
-            }
-            let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
-            let now = self.model.at(stamp);
-            let Corrected { image, facts } = Correction { model: &now, ..self.correction }.apply(
-                picture.image,
-                &view,
-                self.frame_gain(stamp),
-                self.config.render.rectify.then(|| camera.rectified()).as_ref(),
-            );
-            if facts.off_surface_share >= 1.0 {
-                return Err(Reason::OffSurface);
-            }
-            let subsampled = coding.container == Container::Jpeg { subsampled: true };
-            Ok((self.encoded(&said, &image, container, subsampled, srgb).map_err(Reason::Unencodable)?, facts))
-        })();
-        Done { message, heading: said, plane, result }
-    }
-
-    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
-    fn frame_gain(&self, stamp: Stamp) -> f64 {
-        let by_setting = |s: &LightSettingFile| {
-            let series = self.survey.settings.iter().find(|series| (&series.topic, &series.name) == (&s.topic, &s.name))?;
-            Some(s.log_gain(series.at(stamp)?))
-        };
-        let set: f64 = self.file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
-        set * self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
-    }
-
-    fn encoded(
-        &self,
-        heading: &Heading,
-        image: &LinearImage,
-        container: Container,
-        subsampled: bool,
-        srgb: &SrgbTable,
-    ) -> std::result::Result<Vec<u8>, String> {
-        let LinearImage { width, height, bands, .. } = *image;
-        let deep = self.config.render.depth == 16;
-        let samples: Vec<u8> = if deep {
-            image.pixels.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
-        } else {
-            image.pixels.iter().map(|v| srgb.code(*v)).collect()
-        };
-        Ok(match container {
-            Container::Jpeg { .. } => {
-                output::compressed_image(heading, "jpeg", &encode::jpeg(&samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?)
-            }
-            Container::Png => output::compressed_image(heading, "png", &encode::png(&samples, width, height, bands, self.config.render.depth)?),
-            Container::Raw => {
-                let encoding = match (bands, deep) {
-                    (1, false) => "mono8",
-                    (1, true) => "mono16",
-                    (_, false) => "rgb8",
-                    (_, true) => "rgb16",
-                };
-                let samples: Vec<u8> =
-                    if deep && cfg!(target_endian = "big") { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { samples };
-                output::image(heading, width, height, encoding, samples.len() / height.max(1), &samples)
-            }
-        })
-    }
-
-    /// Attachments and metadata: the input's, then ours.
-    fn finish(&self, mut out: Output, report: &mut Report) -> Result<()> {
+    /// Attachments and metadata: the input's, then ours. Those of all but the first camera have its place before their names.
+    fn finish(&self, mut out: Output, reports: &mut [Report]) -> Result<()> {
         for attachment in self.recording.attachments() {
             match attachment {
                 Ok(attachment) => out.attach(&attachment)?,
-                Err(damage) => report.damage.push(damage),
+                Err(damage) => reports.iter_mut().take(1).for_each(|r| r.damage.push(damage.clone())),
             }
         }
         for record in &self.recording.metadata {
             out.metadata(record)?;
         }
-        let (first, last) = self.scan.span.unwrap_or_default();
-        let model_json = self.file.to_json();
-        let config_toml = self.config.to_commented_toml();
-        let texts = [
-            ("model.json", "application/json", model_json.clone()),
-            ("report.json", "application/json", report.to_json()),
-            ("unwater.toml", "application/toml", config_toml.clone()),
-            ("rig.toml", "application/toml", self.rig_toml.into()),
-        ];
-        for (name, media_type, text) in texts {
-            out.attach(&mcap::Attachment {
-                log_time: last,
-                create_time: first,
-                name: name.into(),
-                media_type: media_type.into(),
-                data: text.into_bytes().into(),
-            })?;
+        for (camera, report) in self.cameras.iter().zip(reports) {
+            let (first, last) = camera.scan.span.unwrap_or_default();
+            let model_json = camera.file.to_json();
+            let config_toml = self.config.to_commented_toml();
+            let mut texts = vec![
+                ("model.json", "application/json", model_json.clone()),
+                ("report.json", "application/json", report.to_json()),
+                ("unwater.toml", "application/toml", config_toml.clone()),
+                ("rig.toml", "application/toml", camera.rig_toml.into()),
+            ];
+            // The settings are those of the whole run.
+            texts.retain(|(name, ..)| camera.place.is_empty() || *name != "unwater.toml");
+            for (name, media_type, text) in texts {
+                out.attach(&mcap::Attachment {
+                    log_time: last,
+                    create_time: first,
+                    name: format!("{}/{name}", camera.place).trim_start_matches('/').into(),
+                    media_type: media_type.into(),
+                    data: text.into_bytes().into(),
+                })?;
+            }
+            let facts = [
+                ("version", report.version.clone()),
+                ("camera_topic", report.camera_topic.clone()),
+                ("corrected_topic", report.corrected_topic.clone()),
+                ("dvl_topic", report.dvl_topic.clone()),
+                ("method", report.method.clone()),
+                ("model_sha256", super::sha256(model_json.as_bytes())),
+                ("source", report.source.clone()),
+                ("source_sha256", self.source_sha256.into()),
+                ("configuration", config_toml),
+            ];
+            let metadata = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();
+            out.metadata(&mcap::records::Metadata { name: format!("unwater{}", camera.place), metadata })?;
         }
-        let facts = [
-            ("version", report.version.clone()),
-            ("camera_topic", report.camera_topic.clone()),
-            ("corrected_topic", report.corrected_topic.clone()),
-            ("dvl_topic", report.dvl_topic.clone()),
-            ("method", report.method.clone()),
-            ("model_sha256", super::sha256(model_json.as_bytes())),
-            ("source", report.source.clone()),
-            ("source_sha256", self.source_sha256.into()),
-            ("configuration", config_toml),
-        ];
-        let metadata = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();
-        out.metadata(&mcap::records::Metadata { name: "unwater".into(), metadata })?;
         out.finish()
     }
 }

@@ -5,4 +5,10 @@ pub mod dice;
 pub mod foreign_bytes;
 pub mod judge;
 pub mod render;
+pub mod replay;
 pub mod transcode;
+
+/// A sentence where it does not hold.
+pub fn ensure(holds: bool, sentence: impl Into<String>) -> Result<(), libtest_mimic::Failed> {
+    if holds { Ok(()) } else { Err(libtest_mimic::Failed::from(sentence.into())) }
+}

@@ -1,7 +1,7 @@
 //! The messages that go with every frame: corrected picture, parameters, plots, and at the first frame what the run found.
 
 use super::tally::Tally;
-use super::{Added, Done, PassTwo};
+use super::{Added, Done, OfCamera};
 use crate::correct::FrameFacts;
 use crate::error::Result;
 use crate::messages::Heading;
@@ -11,7 +11,7 @@ use crate::recording::{NewChannel, Output};
 use crate::spaces::{Direction, Optical};
 use crate::units::Stamp;
 
-impl PassTwo<'_> {
+impl OfCamera<'_> {
     /// Writes all that belongs to a frame; the number of messages.
     pub(super) fn write_frame(&self, out: &mut Output, added: &Added, done: &Done, is_first: bool, tally: &Tally) -> Result<u64> {
         let (log_time, publish_time) = (done.message.log_time, done.message.publish_time);
@@ -23,41 +23,41 @@ impl PassTwo<'_> {
         let stamp = done.heading.stamp.unwrap_or(done.message.logged());
         if is_first {
             for (level, text) in self.opening_lines() {
-                put(out, added.log, &output::log(stamp, level, &text))?;
+                put(out, added.log, &output::log(self.wire, stamp, level, &text))?;
             }
             put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading))?;
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
-            put(out, added.beam_picture, &output::compressed_image(&done.heading, "png", &picture))?;
+            put(out, added.beam_picture, &output::compressed_image(self.wire, &done.heading, "png", &picture))?;
         }
         if let Ok((payload, _)) = &done.result {
             put(out, added.corrected, payload)?;
             if let Some(channel) = added.camera_info {
-                put(out, channel, &output::camera_info(&done.heading, &self.survey.rig.camera.rectified()))?;
+                put(out, channel, &output::camera_info(self.wire, &done.heading, &self.survey.rig.camera.rectified()))?;
             }
         }
         let (alpha, std) = self.attenuation_at(stamp);
-        let attenuation = output::headed(&done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
+        let attenuation = output::headed(self.wire, &done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
         put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish())?;
-        put(out, added.plot_attenuation, &output::multi_array("red_green_blue", &alpha))?;
+        put(out, added.plot_attenuation, &output::multi_array(self.wire, "red_green_blue", &alpha))?;
         if let Some(plane) = &done.plane {
             let rig = &self.survey.rig;
             let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
             let altitude = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
             let tilt = normal.dot(&Direction::<Optical>::boresight().vector()).clamp(-1.0, 1.0).acos().to_degrees();
-            let seafloor = output::headed(&done.heading)
-                .f64_array(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
+            let seafloor = output::headed(self.wire, &done.heading)
+                .f64s(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
                 .u32(plane.hits as u32)
-                .f64_array(&[plane.residual_m, plane.nearest_ping_s])
+                .f64s(&[plane.residual_m, plane.nearest_ping_s])
                 .text(plane.support.word());
             put(out, added.seafloor, &seafloor.finish())?;
-            put(out, added.plot_altitude, &output::multi_array("camera_altitude_m", &[altitude]))?;
-            put(out, added.plot_residual, &output::multi_array("seafloor_residual_m", &[plane.residual_m]))?;
+            put(out, added.plot_altitude, &output::multi_array(self.wire, "camera_altitude_m", &[altitude]))?;
+            put(out, added.plot_residual, &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]))?;
         }
         let (corrected, reason, facts) = match &done.result {
             Ok((_, facts)) => (true, String::new(), *facts),
             Err(reason) => (false, reason.to_string(), UNKNOWN),
         };
-        let frame = output::headed(&done.heading).u8(u8::from(corrected)).text(&reason).f64_array(&[
+        let frame = output::headed(self.wire, &done.heading).u8(u8::from(corrected)).text(&reason).f64s(&[
             facts.camera_altitude_m,
             facts.path_length_min_m,
             facts.path_length_mean_m,
@@ -73,7 +73,7 @@ impl PassTwo<'_> {
         if let Err(reason) = &done.result
             && tally.uncorrected.get(&reason.to_string()) == Some(&1)
         {
-            put(out, added.log, &output::log(stamp, Level::Warn, &format!("not corrected: {reason}")))?;
+            put(out, added.log, &output::log(self.wire, stamp, Level::Warn, &format!("not corrected: {reason}")))?;
         }
         Ok(count)
     }
@@ -103,7 +103,7 @@ impl PassTwo<'_> {
         let nodes = beam.nodes();
         let angles: Vec<f64> = (0..nodes.count).map(|i| nodes.angle(i).to_degrees()).collect();
         let log_gain: Vec<f64> = beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
-        output::headed(heading).f64_sequence(&angles).f64_sequence(&angles).f64_sequence(&log_gain).finish()
+        output::headed(self.wire, heading).f64_sequence(&angles).f64_sequence(&angles).f64_sequence(&log_gain).finish()
     }
 }
 

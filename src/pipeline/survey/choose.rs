@@ -50,7 +50,7 @@ pub fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, 
     match topics.len() {
         0 => Err(Error::NoCamera { seen: channel_list(recording) }),
         1 => Ok(topics.into_keys().next().unwrap_or_default()),
-        found => Err(Error::SeveralCameras { found, topics: topics.into_keys().collect::<Vec<_>>().join(", ") }),
+        _ => Err(Error::SeveralCameras { topics: topics.into_keys().collect() }),
     }
 }
 

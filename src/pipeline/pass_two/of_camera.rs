@@ -1,0 +1,187 @@
+//! One camera in pass two: its channels, and a frame of it from message to message.
+
+use crate::config::Config;
+use crate::correct::{Corrected, Correction};
+use crate::error::Result;
+use crate::geometry::{NoSeafloor, View};
+use crate::image::decode::{Light, decode};
+use crate::image::transfer::SrgbTable;
+use crate::image::{Container, LinearImage, encode};
+use crate::messages::output::{self, OutputType, WrittenSchema};
+use crate::messages::writer::OutputWire;
+use crate::messages::{Heading, Kind, heading};
+use crate::model::{ImagingModel, LightSettingFile, ModelFile};
+use crate::recording::{Message, Output, Recording, Schema};
+use crate::report::{Reason, Report};
+use crate::units::Stamp;
+
+use super::super::scan::Scan;
+use super::super::survey::Survey;
+use super::{Added, Done, corrected_topic, method_name, output_container};
+
+/// A camera that is corrected, and all that pass two needs for it.
+pub struct OfCamera<'p> {
+    /// the log's scan
+    pub scan: &'p Scan,
+    /// the camera's survey
+    pub survey: &'p Survey,
+    /// the choices
+    pub config: &'p Config,
+    /// how added messages are encoded
+    pub wire: OutputWire,
+    /// the model as a file
+    pub file: &'p ModelFile,
+    /// the model
+    pub model: &'p ImagingModel,
+    /// how frames are corrected
+    pub correction: Correction<'p>,
+    /// the rig, as a rig file's text
+    pub rig_toml: &'p str,
+    /// what stands behind `/unwater` in the names of all but the first camera
+    pub place: String,
+}
+
+impl OfCamera<'_> {
+    fn container(&self) -> Container {
+        output_container(self.survey.container, self.config)
+    }
+
+    pub(super) fn empty_report(&self, recording: &Recording) -> Report {
+        Report {
+            version: env!("CARGO_PKG_VERSION").into(),
+            source: recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            camera_topic: self.survey.camera_topic.clone(),
+            corrected_topic: corrected_topic(&self.survey.camera_topic, self.container() != Container::Raw),
+            dvl_topic: self.survey.dvl_topic.clone(),
+            method: method_name(self.config.render.method).into(),
+            remarks: self.survey.remarks.clone(),
+            warnings: self
+                .survey
+                .warnings
+                .iter()
+                .chain(&self.file.warnings)
+                .cloned()
+                .chain(self.file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")))
+                .collect(),
+            ..Report::default()
+        }
+    }
+
+    pub(super) fn add_channels(&self, out: &mut Output) -> Result<Added> {
+        let mut add = |topic: &str, kind: OutputType| {
+            let WrittenSchema { name, encoding, data, message_encoding } = kind.schema_in(self.wire);
+            out.add_channel(topic, message_encoding, &Schema { name, encoding: encoding.into(), data })
+        };
+        let ours = |name: &str| format!("/unwater{}/{name}", self.place);
+        let compressed = self.container() != Container::Raw;
+        let corrected = corrected_topic(&self.survey.camera_topic, compressed);
+        Ok(Added {
+            corrected: add(&corrected, if compressed { output::COMPRESSED_IMAGE } else { output::IMAGE })?,
+            camera_info: if self.config.render.rectify {
+                Some(add(&(corrected_topic(&self.survey.camera_topic, false) + "/camera_info"), output::CAMERA_INFO)?)
+            } else {
+                None
+            },
+            attenuation: add(&ours("attenuation"), output::ATTENUATION)?,
+            seafloor: add(&ours("seafloor"), output::SEAFLOOR)?,
+            beam_pattern: add(&ours("beam_pattern"), output::BEAM_PATTERN)?,
+            beam_picture: add(&ours("beam_pattern/picture/compressed"), output::COMPRESSED_IMAGE)?,
+            frame: add(&ours("frame"), output::FRAME)?,
+            log: add(&ours("log"), output::LOG)?,
+            plot_attenuation: add(&ours("plot/attenuation_per_m"), output::MULTI_ARRAY)?,
+            plot_altitude: add(&ours("plot/camera_altitude_m"), output::MULTI_ARRAY)?,
+            plot_residual: add(&ours("plot/seafloor_residual_m"), output::MULTI_ARRAY)?,
+        })
+    }
+
+    /// One frame, on whichever core: decode, find its plane, correct, encode.
+    pub(super) fn frame(&self, index: usize, message: Message, srgb: &SrgbTable) -> Done {
+        let container = self.container();
+        let mut said = Heading::default();
+        let mut plane = None;
+        let result = (|| {
+            let decoder = self.scan.decoders.get(&message.channel).ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
+            let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
+            said = heading(&value);
+            let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
+            let light = Light { transfer: self.config.light.transfer, white_level: self.survey.white_level };
+            let mut picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
+            self.survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).map_err(|_sizes| Reason::WrongSize)?;
+            let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
+            let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
+                NoSeafloor::NoPing { .. } => Reason::NoPing,
+                NoSeafloor::NoReturn => Reason::NoReturn,
+                NoSeafloor::Impossible => Reason::ImpossiblePlane,
+            })?;
+            plane = Some(found);
+            let camera = self.survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height).ok_or(Reason::WrongSize)?;
+            let (coding, bands) = (picture.coding, picture.image.bands());
+            if bands != self.model.bands {
+                return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
+            }
+            let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
+            let now = self.model.at(stamp);
+            let Corrected { image, facts } = Correction { model: &now, ..self.correction }.apply(
+                picture.image,
+                &view,
+                self.frame_gain(stamp),
+                self.config.render.rectify.then(|| camera.rectified()).as_ref(),
+            );
+            if facts.off_surface_share >= 1.0 {
+                return Err(Reason::OffSurface);
+            }
+            let subsampled = coding.container == Container::Jpeg { subsampled: true };
+            Ok((self.encoded(&said, &image, container, subsampled, srgb).map_err(Reason::Unencodable)?, facts))
+        })();
+        Done { message, heading: said, plane, result }
+    }
+
+    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
+    fn frame_gain(&self, stamp: Stamp) -> f64 {
+        let by_setting = |s: &LightSettingFile| {
+            let series = self.survey.settings.iter().find(|series| (&series.topic, &series.name) == (&s.topic, &s.name))?;
+            Some(s.log_gain(series.at(stamp)?))
+        };
+        let set: f64 = self.file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
+        set * self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
+    }
+
+    fn encoded(
+        &self,
+        heading: &Heading,
+        image: &LinearImage,
+        container: Container,
+        subsampled: bool,
+        srgb: &SrgbTable,
+    ) -> std::result::Result<Vec<u8>, String> {
+        let LinearImage { width, height, bands, .. } = *image;
+        let deep = self.config.render.depth == 16;
+        let samples: Vec<u8> = if deep {
+            image.pixels.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
+        } else {
+            image.pixels.iter().map(|v| srgb.code(*v)).collect()
+        };
+        Ok(match container {
+            Container::Jpeg { .. } => output::compressed_image(
+                self.wire,
+                heading,
+                "jpeg",
+                &encode::jpeg(&samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?,
+            ),
+            Container::Png => {
+                output::compressed_image(self.wire, heading, "png", &encode::png(&samples, width, height, bands, self.config.render.depth)?)
+            }
+            Container::Raw => {
+                let encoding = match (bands, deep) {
+                    (1, false) => "mono8",
+                    (1, true) => "mono16",
+                    (_, false) => "rgb8",
+                    (_, true) => "rgb16",
+                };
+                let samples: Vec<u8> =
+                    if deep && cfg!(target_endian = "big") { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { samples };
+                output::image(self.wire, heading, width, height, encoding, samples.len() / height.max(1), &samples)
+            }
+        })
+    }
+}

@@ -1,0 +1,64 @@
+//! Offsets between clocks that were put in, and how they are found, or not told.
+#![allow(clippy::unwrap_used)]
+
+mod support;
+
+use std::path::Path;
+
+use support::render::{Dive, Sensor};
+use unwater::pipeline::clock_offsets::{ClockOffsets, Told, clock_offsets};
+use unwater::pipeline::{Options, prepare};
+use unwater::vehicle::RigFile;
+
+const DVL: &str = "/dvl/data";
+
+/// The log looked at with the stamps of some topics moved.
+fn look(path: &Path, moved: &[(&str, f64)]) -> (ClockOffsets, Vec<String>) {
+    let mut rig = RigFile::default();
+    rig.time_offset_s.extend(moved.iter().map(|(topic, by)| (topic.to_string(), *by)));
+    let options = Options { rig, ..Options::default() };
+    let prepared = prepare(path, &options).unwrap();
+    let found = clock_offsets(&prepared, &options).unwrap();
+    let said = found.sentences(&prepared.survey, &options.rig);
+    (found, said)
+}
+
+#[test]
+fn offsets_are_found_and_none_is_made_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dive.mcap");
+    Dive { frames: 48, width: 256, height: 192, focal_px: 310.0, sensor: Sensor::Mono16, ..Dive::default() }.write(&path);
+    for by in [0.0, 0.3, -0.3, 1.5, -1.5] {
+        let (found, said) = look(&path, &[(DVL, by)]);
+        println!("pings {by:+} s: {found:?}");
+        let Told::Offset { offset_s, .. } = found.ranges else { panic!("{by}: {found:?}") };
+        assert!((offset_s + by).abs() < 0.1, "{by}: {found:?}");
+        assert_eq!(found.ranges.is_off(), by != 0.0, "{by}: {found:?}");
+        // The line to write undoes what was put in.
+        let line = said.iter().find(|s| s.contains(DVL) && s.contains("[time_offset_s]"));
+        assert_eq!(line.is_some(), by != 0.0, "{said:?}");
+        let number = |s: &String| s.rsplit("= ").next().unwrap().parse::<f64>().unwrap();
+        assert!(line.is_none_or(|s| number(s).abs() < 0.1), "{said:?}");
+        // The attitude was left alone, and is not accused.
+        assert!(!found.attitude.is_off(), "{by}: {found:?}");
+    }
+    for by in [0.3, -1.5] {
+        let (found, _) = look(&path, &[("/imu", by)]);
+        println!("attitude {by:+} s: {found:?}");
+        let Told::Offset { offset_s, .. } = found.attitude else { panic!("{by}: {found:?}") };
+        assert!((offset_s + by).abs() < 0.1 && !found.ranges.is_off(), "{by}: {found:?}");
+    }
+}
+
+#[test]
+fn a_vehicle_that_holds_its_height_tells_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("level.mcap");
+    let dive = Dive { frames: 30, width: 256, height: 192, focal_px: 310.0, sensor: Sensor::Mono16, ..Dive::default() };
+    Dive { altitude_m: (2.0, 2.0), tilt_deg: 0.0, with_imu: false, ..dive }.write(&path);
+    for by in [0.0, 0.3, -1.5] {
+        let (found, said) = look(&path, &[(DVL, by)]);
+        assert!(matches!(found.ranges, Told::CannotTell(_)) && matches!(found.attitude, Told::CannotTell(_)), "{by}: {found:?}");
+        assert!(said.iter().all(|s| s.contains("cannot tell")), "{said:?}");
+    }
+}
