@@ -1,6 +1,7 @@
 //! Words on the command line → options → a run → words for people and an exit status.
 
 mod commands;
+mod init;
 mod progress;
 
 use std::path::PathBuf;

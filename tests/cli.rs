@@ -399,3 +399,23 @@ fn rectified_pictures_bring_their_own_calibration() {
     let topics = by_topic(&out);
     assert_eq!(topics["/camera/image_corrected/camera_info"].len(), 12);
 }
+
+#[test]
+fn init_writes_what_is_known_of_a_log_that_lacks_the_rest_and_a_field_of_view_is_enough() {
+    let folder = tempfile::tempdir().unwrap();
+    // Pictures alone: their size is known, the rest is to be filled in.
+    let pictures = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/messages/image_rgb8.mcap");
+    let ran = unwater(&["init", text(&pictures), "-o", "-"]);
+    let said = String::from_utf8_lossy(&ran.stdout).into_owned();
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    assert!(said.contains("\nwidth = ") && said.contains("\nheight = ") && said.contains("# fx =   # FILL IN") && said.contains("no DVL"), "{said}");
+    assert!(toml::from_str::<unwater::vehicle::RigFile>(&said).is_ok(), "{said}");
+
+    // A field of view alone corrects, and how well that does is said.
+    let rig = folder.path().join("rig.toml");
+    std::fs::write(&rig, "[camera]\nhorizontal_field_of_view_deg = 45.9\n").unwrap();
+    let out = folder.path().join("out.mcap");
+    let ran = unwater(&["correct", text(dive()), "--rig", text(&rig), "-o", text(&out)]);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    assert!(stderr(&ran).contains("field of view alone") && stderr(&ran).contains("per metre"), "{}", stderr(&ran));
+}

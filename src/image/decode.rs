@@ -236,6 +236,7 @@ fn webp_container(data: &[u8]) -> Container {
 fn compressed(format: &str, data: &[u8], light: Light) -> Result<Decoded, String> {
     let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
     let (mut decoder, container): (Box<dyn ImageDecoder + '_>, _) = match data {
+        [0xff, 0xd8, ..] if !jpeg_has_end(data) => return Err("the picture cannot be decoded: a JPEG that was cut short".into()),
         [0xff, 0xd8, ..] => {
             let subsampled = jpeg_is_subsampled(data);
             (Box::new(image::codecs::jpeg::JpegDecoder::new(Cursor::new(data)).map_err(bad)?), Container::Jpeg { subsampled })
@@ -323,6 +324,13 @@ fn linear<'a>(
     }
     let coding = Coding { bits: 8 * s.bytes as u8, container, transfer, bits_used };
     Ok(Decoded { image: SensorImage { light: LinearImage { width, height, bands, pixels }, mosaic: s.bayer }, coding })
+}
+
+/// Whether a JPEG's scan comes to an end. The decoder shows grey where it does not, and nobody would know.
+fn jpeg_has_end(data: &[u8]) -> bool {
+    let last = |marker: [u8; 2]| data.windows(2).rposition(|w| w == marker);
+    // A thumbnail's end lies before the scan.
+    last([0xff, 0xd9]).zip(last([0xff, 0xda])).is_some_and(|(end, scan)| end > scan)
 }
 
 /// Whether a JPEG's frame header gives its first component finer sampling than the others.

@@ -34,8 +34,8 @@ impl Packing {
     /// Bytes of a row; `None` where a row ends inside a byte, which nobody agrees on.
     fn row(&self, width: usize) -> Option<usize> {
         match self.order {
-            Order::InARow => width.checked_mul(self.bits).filter(|b| b % 8 == 0).map(|b| b / 8),
-            Order::Gige => (width % 2 == 0).then_some(width / 2).and_then(|pairs| pairs.checked_mul(3)),
+            Order::InARow => width.checked_mul(self.bits).filter(|b| b.is_multiple_of(8)).map(|b| b / 8),
+            Order::Gige => width.is_multiple_of(2).then_some(width / 2).and_then(|pairs| pairs.checked_mul(3)),
         }
     }
 

@@ -4,6 +4,9 @@
 //! last chunk. A chunk is decompressed when it is asked for, checked against its checksum, and forgotten.
 //! Memory scales with the chunk, not with the log. A chunk that lies about its size is read as far as its data goes.
 
+mod lengths;
+mod notes;
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read as _;
@@ -15,6 +18,7 @@ use mcap::records::{Record, op};
 
 use crate::error::{Error, Result};
 use crate::units::Stamp;
+use lengths::lengths_fit;
 
 /// A schema of the log.
 #[derive(Clone, Debug, PartialEq)]
@@ -249,6 +253,9 @@ impl Recording {
             op::CHUNK => self.add_chunk(body, true),
             op::MESSAGE => self.blocks.push(Block::Message { body }),
             op::ATTACHMENT => self.attachments.push(body),
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::METADATA if !lengths_fit(opcode, bytes) => {
+                self.cut(body.start, "a record cannot be read: the lengths inside it do not add up");
+            }
             op::HEADER | op::SCHEMA | op::CHANNEL | op::METADATA => match mcap::parse_record(opcode, bytes) {
                 Ok(Record::Header(header)) => self.profile = header.profile,
                 Ok(Record::Metadata(metadata)) => self.metadata.push(metadata),
@@ -337,7 +344,7 @@ impl Recording {
                 op::MESSAGE => {
                     entries.extend(message(buffer.clone(), at + RECORD_HEAD..stop).filter(|m| window.holds(m.log_time)).map(Entry::Message));
                 }
-                opcode @ (op::SCHEMA | op::CHANNEL) => {
+                opcode @ (op::SCHEMA | op::CHANNEL) if lengths_fit(opcode, &buffer.bytes()[at + RECORD_HEAD..stop]) => {
                     if let Ok(record) = mcap::parse_record(opcode, &buffer.bytes()[at + RECORD_HEAD..stop]) {
                         declared.push(record.into_owned());
                     }
@@ -358,7 +365,7 @@ impl Recording {
         self.attachments.iter().map(|body| {
             let bytes = &self.map[body.clone()];
             let damage = |reason: String| Damage { offset: body.start as u64, start_ns: 0, end_ns: 0, reason };
-            if !attachment_fits(bytes) {
+            if !lengths_fit(op::ATTACHMENT, bytes) {
                 return Err(damage("an attachment's lengths do not add up".into()));
             }
             match mcap::parse_record(op::ATTACHMENT, bytes) {
@@ -374,14 +381,6 @@ impl Recording {
             }
         })
     }
-}
-
-/// Whether the lengths inside an attachment record stay inside it: the parser takes that for granted.
-fn attachment_fits(body: &[u8]) -> bool {
-    let length = |at: usize| body.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
-    let name = length(16);
-    let media = name.and_then(|n| length(20usize.checked_add(n)?));
-    name.zip(media).is_some_and(|(n, m)| 16 + 4 + n + 4 + m + 8 + 4 <= body.len())
 }
 
 /// What reading a log yields.

@@ -213,6 +213,21 @@ pub struct RigFile {
 }
 
 impl CameraFacts {
+    /// The facts of a known calibration.
+    pub fn of(camera: &Camera) -> Self {
+        Self {
+            width: Some(camera.width),
+            height: Some(camera.height),
+            fx: Some(camera.fx),
+            fy: Some(camera.fy),
+            cx: Some(camera.cx),
+            cy: Some(camera.cy),
+            distortion_model: Some(camera.distortion.name().into()),
+            distortion: Some(camera.distortion.coefficients()),
+            ..Self::default()
+        }
+    }
+
     /// A calibration as it holds in water.
     pub fn in_water(&self, camera: Camera) -> Camera {
         if self.medium == Some(Medium::Air) { camera.behind_flat_port(REFRACTIVE_INDEX) } else { camera }

@@ -15,8 +15,11 @@ use unwater::pipeline::survey::survey;
 use unwater::recording::{Entry, Recording, Window};
 use unwater::vehicle::{DvlFacts, RigFile};
 
+/// Takes whatever bytes there are.
+type Parser = fn(&[u8]);
+
 /// The parsers by name: also the names of the fuzz targets and of the folders in `fuzz/seeds`.
-pub const TARGETS: &[(&str, fn(&[u8]))] = &[
+pub const TARGETS: &[(&str, Parser)] = &[
     ("cdr", cdr),
     ("idl", idl),
     ("ros1", ros1),

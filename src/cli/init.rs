@@ -1,0 +1,133 @@
+//! `init`: a rig file with what the log knows, and with what it does not know marked.
+
+use std::path::Path;
+
+use super::commands::{say, write_text};
+use super::{Ended, EstimateOptions, Init, RenderOptions};
+use crate::error::{Error, Result};
+use crate::pipeline::{self, Options, survey};
+use crate::vehicle::{MountFacts, RigFile};
+
+pub fn run(args: &Init) -> Result<Ended> {
+    let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
+    let to_stdout = args.output.as_os_str() == "-";
+    if !to_stdout {
+        crate::recording::ensure_distinct(&args.input, &args.output, options.force)?;
+    }
+    let (facts, notes) = known_facts(&args.input, &options)?;
+    let text = rig_text(&facts, &args.input, &notes);
+    if to_stdout {
+        say(&text);
+    } else {
+        write_text(&args.output, &text)?;
+        say(&format!("written      {}\n", args.output.display()));
+    }
+    Ok(Ended::Done)
+}
+
+/// What the log knows of the rig; where a mount is missing, what the others are.
+fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)> {
+    let (recording, mut scan) = pipeline::open(input, options)?;
+    match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
+        Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), s.warnings)),
+        Err(e @ (Error::NoMount { .. } | Error::NoCalibration { .. } | Error::NoRanges { .. } | Error::Rig(_))) => {
+            // Take what can be had with a stand-in for what is missing, and leave that open in the file.
+            let mut stand_in = options.clone();
+            let (mut open_camera, mut open_dvl) = (false, false);
+            let mut last = e;
+            for _ in 0..2 {
+                let pinhole = stand_in.rig.camera.horizontal_field_of_view_deg.is_none();
+                match &last {
+                    Error::NoCalibration { .. } if pinhole => {
+                        stand_in.rig.camera.horizontal_field_of_view_deg = Some(60.0);
+                        open_camera = true;
+                    }
+                    Error::NoMount { .. } => {
+                        stand_in.rig.dvl.mount =
+                            Some(MountFacts { translation_m: [0.0; 3], rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]), roll_pitch_yaw_deg: None });
+                        open_dvl = true;
+                    }
+                    _ => break,
+                }
+                let (recording, mut scan) = pipeline::open(input, &stand_in)?;
+                match survey::survey(&recording, &mut scan, &stand_in.selection, &stand_in.rig, &stand_in.config) {
+                    Ok(s) => {
+                        let mut facts = survey::rig_facts(&s.rig, &options.rig);
+                        if open_camera {
+                            facts.camera = crate::vehicle::CameraFacts {
+                                width: facts.camera.width,
+                                height: facts.camera.height,
+                                mount: facts.camera.mount,
+                                ..Default::default()
+                            };
+                        }
+                        if open_dvl {
+                            facts.dvl.mount = None;
+                        }
+                        return Ok((facts, s.warnings));
+                    }
+                    Err(next) => last = next,
+                }
+            }
+            let (recording, scan) = pipeline::open(input, options)?;
+            let camera = survey::camera_facts(&recording, &scan, &options.selection);
+            Ok((RigFile { camera, ..RigFile::default() }, vec![last.to_string()]))
+        }
+        Err(e) => Err(e),
+    }
+}
+
+fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
+    let mut text = format!("# The rig of {}, for `unwater --rig`. What stands here wins over the log.\n", input.display());
+    for note in notes {
+        text += &format!("# note: {note}\n");
+    }
+    let mut put = |line: &str| text += &(line.to_string() + "\n");
+    let number = |name: &str, v: Option<f64>, unit: &str| {
+        v.map_or_else(|| format!("# {name} =   # FILL IN [{unit}]"), |v| format!("{name} = {v:?}  # [{unit}]"))
+    };
+    let count = |name: &str, v: Option<usize>| v.map_or_else(|| format!("# {name} =   # FILL IN [px]"), |v| format!("{name} = {v}  # [px]"));
+    let c = &facts.camera;
+    put("\n[camera]\n# calibration in water, for pictures of this size");
+    put(&count("width", c.width));
+    put(&count("height", c.height));
+    for (name, v) in [("fx", c.fx), ("fy", c.fy), ("cx", c.cx), ("cy", c.cy)] {
+        put(&number(name, v, "px"));
+    }
+    match (&c.distortion_model, &c.distortion) {
+        (Some(model), Some(d)) => {
+            put(&format!("distortion_model = {model:?}  # plumb_bob, rational_polynomial, equidistant, fisheye62\ndistortion = {d:?}"));
+        }
+        _ => put("# distortion_model = \"plumb_bob\"  # or rational_polynomial, equidistant, fisheye62\n# distortion = [0.0, 0.0, 0.0, 0.0, 0.0]"),
+    }
+    if c.fx.is_none() {
+        put(
+            "# or, where there is no calibration, the field of view in water, as it is seen in the pictures:\n# horizontal_field_of_view_deg =   # FILL IN [deg]",
+        );
+    }
+    put("# medium = \"air\"  # where it was calibrated in air and dives behind a flat port");
+    let mount = |section: &str, m: &Option<MountFacts>, needed: bool, what: &str| match m {
+        Some(m) => format!(
+            "\n[{section}.mount]  # {what}\ntranslation_m = {:?}\nrotation_xyzw = {:?}",
+            m.translation_m,
+            m.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0])
+        ),
+        None => format!(
+            "\n# [{section}.mount]  # {}: {what}\n# translation_m = [0.0, 0.0, 0.0]  # place in the body [m]\n# roll_pitch_yaw_deg = [0.0, 0.0, 0.0]  # or rotation_xyzw",
+            if needed { "FILL IN" } else { "where it is known" }
+        ),
+    };
+    put(&mount(
+        "camera",
+        &c.mount,
+        false,
+        "optical frame: x right, y down, z out of the lens. Without it and without TF, the other mounts are in this frame",
+    ));
+    put(
+        "\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting\n# ranges = \"slant\"                # or \"vertical\", where the message's type misleads",
+    );
+    put(&mount("dvl", &facts.dvl.mount, true, "z along its axis, towards the seafloor"));
+    put(&mount("strobe", &facts.strobe.mount, false, "z along its beam; where absent its place is looked for in the log"));
+    put("\n# [time_offset_s]  # seconds to add to a topic's stamps; `unwater inspect --clocks` looks for them\n# \"/dvl/data\" = 0.0");
+    text
+}
