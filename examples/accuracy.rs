@@ -44,6 +44,13 @@ const CASES: &[Case] = &[
     },
     Case { name: "backscatter 30 %", dive: |s| Dive { backscatter: 0.3, ..plain(s) }, change: |_| {}, extra: modelled },
     Case { name: "α drifts by 30 %", dive: |s| Dive { attenuation_drift: 0.3, ..plain(s) }, change: |_| {}, extra: followed },
+    Case { name: "ridges of 0.15 m", dive: |s| Dive { relief_m: 0.15, ..plain(s) }, change: |_| {}, extra: |_| String::new() },
+    Case {
+        name: "the same ridges, a plane",
+        dive: |s| Dive { relief_m: 0.15, ..plain(s) },
+        change: |c| c.seafloor.relief = Switch::Off,
+        extra: |_| String::new(),
+    },
     Case { name: "slope 15°", dive: |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
 ];
 

@@ -46,11 +46,12 @@ pub struct SeafloorConfig {
     pub max_ping_gap_s: f64,
     pub max_attitude_gap_s: f64,
     pub least_altitude_m: f64,
+    pub relief: Switch,
 }
 
 impl Default for SeafloorConfig {
     fn default() -> Self {
-        Self { pings_each_side: 8, ping_window_s: 1.25, max_ping_gap_s: 1.0, max_attitude_gap_s: 0.5, least_altitude_m: 0.2 }
+        Self { pings_each_side: 8, ping_window_s: 1.25, max_ping_gap_s: 1.0, max_attitude_gap_s: 0.5, least_altitude_m: 0.2, relief: Switch::Auto }
     }
 }
 
@@ -343,6 +344,7 @@ pub const SETTINGS: &[Setting] = settings![
     "seafloor.max_ping_gap_s", "s", "a frame farther from any ping is not corrected";
     "seafloor.max_attitude_gap_s", "s", "attitude is not carried over a longer gap";
     "seafloor.least_altitude_m", "m", "a plane nearer to the lens is a fish or a fault";
+    "seafloor.relief", "auto | off | on", "the DVL's hits along the track tell heights over the plane; auto: where they foretell hits that were left out";
     "matching.detection_side_px", "px", "keypoints are sought at this size at most; colours are pooled over more than a pixel";
     "matching.keypoints_per_frame", "count", "more points see the same few mean patches of floor";
     "matching.contrast_threshold", "log light", "in log light a threshold means the same at every brightness";

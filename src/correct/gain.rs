@@ -215,7 +215,7 @@ mod tests {
                 body_from_dvl: Transform::identity(),
                 strobe: StrobeMount { body_from_strobe: Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985]), source: None },
             };
-            let view = View { camera: &camera, rig: &rig, plane: &plane };
+            let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
             let mut image = SensorImage { light: LinearImage::new(643, 451, 3), mosaic: None };
             image.light.pixels.fill(1.0);
             GainGrid::new(&correction, &view, 643, 451, 3).multiply(&mut image);

@@ -151,8 +151,7 @@ fn low_answer(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<
 pub fn completed(beam: &[Option<f64>], samples: &Samples<'_>, alpha: &Bands, spreading: SpreadingModel, config: &EstimateConfig) -> BeamPattern {
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let bins =
-        angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|f, s| s.path(f.normal, samples.body_from_strobe))
-            .by_node();
+        angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|_, s| s.path(samples.body_from_strobe)).by_node();
     let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
     let level = robust::median(&steps);
     let values: Vec<Option<f64>> = beam.iter().zip(&bins).map(|(a, b)| a.or(b.map(|b| b + level).filter(|v| v.is_finite()))).collect();
@@ -175,9 +174,8 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
     let mut answer = first.clone();
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|f, s| {
-            s.path(f.normal, samples.body_from_strobe)
-        }); // Eq. 17
+        beam_pattern =
+            angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|_, s| s.path(samples.body_from_strobe)); // Eq. 17
         answer = pairs(&beam_pattern)?; // "we also recompute", §IV-C
         if settled(&before, &answer.attenuation_per_m) {
             break;
@@ -202,7 +200,7 @@ pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig)
     }
     let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes);
-    let path = |f: &FrameSamples, s: &Sight| s.path(f.normal, samples.body_from_strobe);
+    let path = |_: &FrameSamples, s: &Sight| s.path(samples.body_from_strobe);
     let slope = |beam: &BeamPattern| {
         let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
         altitude_slope::attenuation(samples.frames, bands, &path, &known)

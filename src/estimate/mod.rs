@@ -135,7 +135,7 @@ impl<'s> Samples<'s> {
     }
 
     fn path_from(&self, o: &Observation, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
-        o.sight.path(self.frames.get(o.frame as usize)?.normal, body_from_strobe)
+        o.sight.path(body_from_strobe)
     }
 
     fn bands(&self) -> usize {

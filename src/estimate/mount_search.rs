@@ -91,15 +91,19 @@ impl Shift<'_> {
     }
 
     fn path(&self, o: &Observation, mount: Transform<Body, Strobe>) -> Option<LightPath> {
-        let (normal, distance) = self.plane(self.samples.frames.get(o.frame as usize)?);
+        let frame = self.samples.frames.get(o.frame as usize)?;
+        let (normal, distance) = self.plane(frame);
         let camera = self.samples.body_from_optical.origin().vector();
         let ray = (o.sight.hit.vector() - camera) / o.sight.seafloor_to_camera_m;
-        let (towards, along) = (normal.dot(&ray), distance - normal.dot(&camera));
-        if towards < 0.05 || along <= 0.0 {
-            return None;
-        }
-        let sight = Sight { hit: Point::from_vector(camera + ray * (along / towards)), seafloor_to_camera_m: along / towards, ..o.sight };
-        sight.path(Direction::from_vector(normal)?, mount)
+        let far = |normal: &Vector3<f64>, distance: f64| {
+            let (towards, along) = (normal.dot(&ray), distance - normal.dot(&camera));
+            (towards > 0.05 && along > 0.0).then(|| along / towards)
+        };
+        // What stands over the plane as given stands over the other.
+        let seafloor_to_camera_m = o.sight.seafloor_to_camera_m + far(&normal, distance)? - far(&frame.normal.vector(), frame.distance_m)?;
+        let own_normal = Direction::from_vector(o.sight.normal.vector() + normal - frame.normal.vector())?;
+        let hit = Point::from_vector(camera + ray * seafloor_to_camera_m);
+        Sight { hit, seafloor_to_camera_m, normal: own_normal, ..o.sight }.path(mount)
     }
 }
 

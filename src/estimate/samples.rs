@@ -12,7 +12,7 @@
 use std::ops::Range;
 
 use crate::config::{EstimateConfig, MatchingConfig};
-use crate::geometry::{LightPath, View, light_path};
+use crate::geometry::{LightPath, Sighted, View, light_path};
 use crate::image::SensorImage;
 use crate::spaces::{Body, Direction, Point, Strobe, Transform};
 use crate::units::Stamp;
@@ -31,6 +31,8 @@ pub struct Sight {
     pub hit: Point<Body>,
     /// ℓ_s [m]
     pub seafloor_to_camera_m: f64,
+    /// the seafloor's normal there
+    pub normal: Direction<Body>,
     /// log c_Λ
     pub log_color: [f32; 3],
 }
@@ -53,7 +55,7 @@ pub struct FrameSamples {
     pub frame: usize,
     /// when it was taken
     pub stamp: Stamp,
-    /// the plane's normal
+    /// the plane's normal; a sight's own may differ where the ground is not flat
     pub normal: Direction<Body>,
     /// height of the camera over it [m]
     pub camera_altitude_m: f64,
@@ -89,8 +91,8 @@ impl FrameSamples {
 
 impl Sight {
     /// The way of light to it, for a strobe at a given mount.
-    pub fn path(&self, normal: Direction<Body>, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
-        light_path(self.hit, self.seafloor_to_camera_m, normal, body_from_strobe)
+    pub fn path(&self, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
+        light_path(self.hit, self.seafloor_to_camera_m, self.normal, body_from_strobe)
     }
 }
 
@@ -130,11 +132,11 @@ pub fn samples(
     }
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
-        let Some((hit, seafloor_to_camera_m)) = view.seafloor_point_of(x, y) else { continue };
+        let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y) else { continue };
         let sigma_px = |rung: i32| footprint_m(rung) * view.camera.fx / seafloor_to_camera_m;
         let first_rung = (2.0 * (matching.footprint_px * seafloor_to_camera_m / view.camera.fx / 1e-3).log2()).ceil() as i32;
         let ladder = std::array::from_fn(|k| pooled(image, keypoint.u, keypoint.v, sigma_px(first_rung + k as i32), config));
-        taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, log_color: [f32::NAN; 3] }, first_rung, ladder });
+        taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] }, first_rung, ladder });
         taken.places.push((x, y));
         taken.keypoints.push(keypoint);
     }
@@ -224,8 +226,8 @@ fn grid(image: &SensorImage, view: &View<'_>, config: &EstimateConfig) -> Vec<(u
                 continue;
             }
             let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;
-            if let Some((hit, seafloor_to_camera_m)) = view.seafloor_point(centre(column), centre(row)) {
-                sights.push(((row * columns + column) as u32, Sight { hit, seafloor_to_camera_m, log_color }));
+            if let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point(centre(column), centre(row)) {
+                sights.push(((row * columns + column) as u32, Sight { hit, seafloor_to_camera_m, normal, log_color }));
             }
         }
     }

@@ -8,12 +8,12 @@
 //! ```
 //!
 //! In: a plane and the mounts, in body space [m]. Out: lengths [m], angles [rad]. Assumed: the floor is
-//! the plane. Attenuation and beam pattern do not live here.
+//! the plane, or the plane and its relief. Attenuation and beam pattern do not live here.
 
 use crate::spaces::{Body, Direction, Point, Strobe, Transform};
 use crate::vehicle::{Camera, Rig};
 
-use super::SeafloorPlane;
+use super::{Relief, SeafloorPlane};
 
 /// Direction of a seafloor point as the strobe sees it [rad].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,17 +71,30 @@ pub struct View<'r> {
     pub rig: &'r Rig,
     /// the seafloor below this frame
     pub plane: &'r SeafloorPlane,
+    /// heights over it, where it is not flat
+    pub relief: Option<&'r Relief>,
+}
+
+/// A place of the seafloor that a pixel sees.
+#[derive(Clone, Copy, Debug)]
+pub struct Sighted {
+    /// where
+    pub hit: Point<Body>,
+    /// ℓ_s [m]
+    pub seafloor_to_camera_m: f64,
+    /// into the floor there
+    pub normal: Direction<Body>,
 }
 
 impl View<'_> {
-    /// Where the ray of a pixel meets the plane, and ℓ_s [m]; `None` where it never does.
-    pub fn seafloor_point(&self, u: f64, v: f64) -> Option<(Point<Body>, f64)> {
+    /// Where the ray of a pixel meets the seafloor; `None` where it never does.
+    pub fn seafloor_point(&self, u: f64, v: f64) -> Option<Sighted> {
         let (x, y) = self.camera.image_plane(u, v)?;
         self.seafloor_point_of(x, y)
     }
 
     /// The same for image-plane coordinates x/z, y/z.
-    pub fn seafloor_point_of(&self, x: f64, y: f64) -> Option<(Point<Body>, f64)> {
+    pub fn seafloor_point_of(&self, x: f64, y: f64) -> Option<Sighted> {
         let ray = Direction::from_vector(nalgebra::Vector3::new(x, y, 1.0))?;
         let ray = (self.rig.body_from_optical * ray).vector();
         let camera = self.rig.body_from_optical.origin().vector();
@@ -89,13 +102,22 @@ impl View<'_> {
         let towards = normal.dot(&ray);
         let seafloor_to_camera_m = (distance - normal.dot(&camera)) / towards;
         // A grazing ray meets the plane so far off that nothing is known of the floor there.
-        (towards > 0.05 && seafloor_to_camera_m > 0.0).then(|| (Point::from_vector(camera + ray * seafloor_to_camera_m), seafloor_to_camera_m))
+        if towards <= 0.05 || seafloor_to_camera_m <= 0.0 {
+            return None;
+        }
+        match self.relief {
+            Some(relief) => {
+                let (hit, seafloor_to_camera_m, normal) = relief.meet(self.plane, &camera, &ray)?;
+                Some(Sighted { hit, seafloor_to_camera_m, normal: Direction::from_vector(normal)? })
+            }
+            None => Some(Sighted { hit: Point::from_vector(camera + ray * seafloor_to_camera_m), seafloor_to_camera_m, normal: self.plane.normal }),
+        }
     }
 
     /// The way of light through a pixel.
     pub fn light_path(&self, u: f64, v: f64) -> Option<LightPath> {
-        let (hit, seafloor_to_camera_m) = self.seafloor_point(u, v)?;
-        light_path(hit, seafloor_to_camera_m, self.plane.normal, self.rig.strobe.body_from_strobe)
+        let Sighted { hit, seafloor_to_camera_m, normal } = self.seafloor_point(u, v)?;
+        light_path(hit, seafloor_to_camera_m, normal, self.rig.strobe.body_from_strobe)
     }
 
     /// Height of the camera over the plane [m].

@@ -1,7 +1,9 @@
 //! DVL pings → the seafloor's plane below a frame → the way of light through each pixel (paper §IV-A, Fig. 5).
 
 mod light_path;
+mod relief;
 mod seafloor;
 
-pub use light_path::{LightPath, StrobeAngles, View, light_path};
+pub use light_path::{LightPath, Sighted, StrobeAngles, View, light_path};
+pub use relief::Relief;
 pub use seafloor::{NoSeafloor, Pings, SeafloorPlane, Support};

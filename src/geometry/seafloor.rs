@@ -14,10 +14,14 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use crate::config::SeafloorConfig;
+use super::relief::{Relief, Way, foretold, heights, is_worth_it};
+use crate::config::{SeafloorConfig, Switch};
 use crate::spaces::{Body, Direction};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
+
+/// Frames at which the relief is tried.
+const RELIEF_FRAMES: usize = 40;
 
 /// How many returns held the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,13 +87,15 @@ struct Hit {
 pub struct Pings {
     pings: Vec<Ping>,
     attitude: AttitudeTrack,
+    /// the instrument's way, where the ground's relief is used
+    way: Option<Way>,
 }
 
 impl Pings {
     /// Sorts the pings.
     pub fn new(mut pings: Vec<Ping>, attitude: AttitudeTrack) -> Self {
         pings.sort_by_key(|p| p.stamp);
-        Self { pings, attitude }
+        Self { pings, attitude, way: None }
     }
 
     /// The attitude between them.
@@ -100,6 +106,28 @@ impl Pings {
     /// The pings.
     pub fn all(&self) -> &[Ping] {
         &self.pings
+    }
+
+    /// Decides whether the ground's relief is used: how well it foretells hits at some of `stamps`, over the plane.
+    pub fn use_relief(&mut self, stamps: &[Stamp], rig: &Rig, config: &SeafloorConfig) -> Option<f64> {
+        if config.relief == Switch::Off {
+            return None;
+        }
+        let way = Way::of(&self.pings, &self.attitude, rig);
+        let some = stamps.iter().step_by(stamps.len().div_ceil(RELIEF_FRAMES).max(1));
+        let foretold = foretold(some.filter_map(|stamp| {
+            let plane = self.seafloor(*stamp, rig, config).ok()?;
+            let altitude_m = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+            Some((heights(&self.pings, &way, &self.attitude, *stamp, &plane, rig), altitude_m))
+        }));
+        let is_used = config.relief == Switch::On || foretold.is_some_and(is_worth_it);
+        self.way = is_used.then_some(way);
+        foretold.filter(|_| is_used)
+    }
+
+    /// Heights over a frame's plane, where the relief is used and seen there.
+    pub fn relief(&self, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Option<Relief> {
+        Relief::new(heights(&self.pings, self.way.as_ref()?, &self.attitude, stamp, plane, rig), plane, rig)
     }
 
     /// The plane below the vehicle at `stamp`.

@@ -28,5 +28,5 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let valid = FLAGS.iter().find_map(|f| value.flag(f)).unwrap_or(true);
     let altitude = (valid && altitude.is_finite() && altitude > 0.0).then_some(Altitude(altitude * facts.sound_speed_ratio.unwrap_or(1.0)));
     let stamp = heading(value).stamp.unwrap_or(Stamp(0));
-    Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude }), ..PingReading::default() })
+    Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }), ..PingReading::default() })
 }

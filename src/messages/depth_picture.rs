@@ -30,7 +30,7 @@ pub fn decode(value: &Value<'_>, _facts: &DvlFacts) -> Result<PingReading, Strin
         Some(format) => compressed(format, data)?,
         None => raw(value, data)?,
     };
-    let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams: Vec::new(), altitude: None };
+    let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams: Vec::new(), altitude: None, velocity_m_per_s: None };
     Ok(PingReading { ping: Some(ping), pixels: Some(pixels), ..PingReading::default() })
 }
 

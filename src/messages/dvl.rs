@@ -64,6 +64,17 @@ fn altitude(value: &Value<'_>) -> Option<f64> {
     ["altitude", "avg_altitude", "report.altitude", "target.range.mean"].iter().find_map(|p| value.number(p)).filter(|a| a.is_finite() && *a > 0.0)
 }
 
+/// Faster over the ground is a marker of "none" [m/s].
+const FASTEST_M_PER_S: f64 = 10.0;
+
+/// The velocity over the ground that a DVL message gives beside its beams.
+fn velocity(value: &Value<'_>) -> Option<Vector3<f64>> {
+    let is_said_bad = ["velocity_valid", "valid", "bottom_lock"].iter().any(|p| value.flag(p) == Some(false));
+    let [x, y, z] = value.xyz("velocity").or_else(|| value.xyz("velocity.twist.linear"))?;
+    let v = Vector3::new(x, y, z);
+    (!is_said_bad && v.iter().all(|c| c.is_finite() && *c != NORTEK_BAD_VELOCITY) && v.norm() < FASTEST_M_PER_S).then_some(v)
+}
+
 /// Geometry, units and the rig file's rules.
 pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<PingReading, String> {
     if is_water_track(value) {
@@ -74,7 +85,7 @@ pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<P
     if report.ranges.is_empty() {
         let altitude = altitude(value).map(|a| Altitude(a * scale));
         let remark = Some("the message lists no beams; its altitude is used".into());
-        return Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude }), remark, ..PingReading::default() });
+        return Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }), remark, ..PingReading::default() });
     }
     let (directions, remark) = directions(report.directions, report.ranges.len(), facts)?;
     let axis: Vector3<f64> = directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
@@ -97,7 +108,7 @@ pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<P
         cosine: mean_cosine,
         kind,
     });
-    Ok(PingReading { ping: Some(Ping { stamp, beams, altitude: None }), remark, height, pixels: None })
+    Ok(PingReading { ping: Some(Ping { stamp, beams, altitude: None, velocity_m_per_s: velocity(value) }), remark, height, pixels: None })
 }
 
 /// The beams the rig file names, if it does.

@@ -18,7 +18,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     if facts.ranges == Some(RangeKind::Altitude) || ranges.len() == 1 && facts.beams.is_none() && facts.azimuths_deg.is_none() {
         let inside = |a: &f64| a.is_finite() && *a > facts.min_range_m.unwrap_or(0.0) && facts.max_range_m.is_none_or(|most| *a < most);
         let altitude = ranges.first().copied().flatten().filter(inside).map(|a| Altitude(a * facts.sound_speed_ratio.unwrap_or(1.0)));
-        let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams: Vec::new(), altitude };
+        let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams: Vec::new(), altitude, velocity_m_per_s: None };
         return Ok(PingReading { ping: Some(ping), ..PingReading::default() });
     }
     dvl::ping(value, facts, Report { ranges, kind: RangeKind::Slant, directions: Directions::Unknown })

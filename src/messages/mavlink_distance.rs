@@ -32,9 +32,9 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         Some(turns @ 0..=7) => {
             let array = JanusArray { janus_angle_deg: JANUS_DEG, azimuths_deg: vec![45.0 * turns as f64] };
             let direction = array.directions().first().copied().ok_or("no direction")?;
-            Ping { stamp, beams: vec![Beam { direction, range: range.map(SlantRange) }], altitude: None }
+            Ping { stamp, beams: vec![Beam { direction, range: range.map(SlantRange) }], altitude: None, velocity_m_per_s: None }
         }
-        Some(DOWN) => Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude) },
+        Some(DOWN) => Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude), velocity_m_per_s: None },
         other => return Err(format!("a distance sensor that looks neither down nor along a beam (orientation {other:?})")),
     };
     let remark = (!ping.beams.is_empty()).then(|| format!("one message per beam: {JANUS_DEG}° off the axis, azimuth by its orientation"));

@@ -51,6 +51,6 @@ pub fn decode(value: &Value<'_>, _facts: &DvlFacts) -> Result<PingReading, Strin
     let count = data.len() / step;
     let stretch = count.div_ceil(POINTS).max(1);
     let beams = data.chunks(step * stretch).filter_map(|part| part.chunks_exact(step).find_map(point)).collect();
-    let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams, altitude: None };
+    let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams, altitude: None, velocity_m_per_s: None };
     Ok(PingReading { ping: Some(ping), ..PingReading::default() })
 }

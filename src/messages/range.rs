@@ -24,9 +24,9 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let narrow = value.number("field_of_view").unwrap_or(0.0) <= NARROW_RAD;
     let direction = Direction::from_vector(Vector3::x()).ok_or("no axis")?;
     let ping = if narrow {
-        Ping { stamp, beams: vec![Beam { direction, range: range.map(SlantRange) }], altitude: None }
+        Ping { stamp, beams: vec![Beam { direction, range: range.map(SlantRange) }], altitude: None, velocity_m_per_s: None }
     } else {
-        Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude) }
+        Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude), velocity_m_per_s: None }
     };
     let remark = (!narrow).then(|| "a wide sonar cone: its range is read as an altitude".into());
     Ok(PingReading { ping: Some(ping), remark, ..PingReading::default() })

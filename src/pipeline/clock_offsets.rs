@@ -16,7 +16,7 @@ use super::{Options, Prepared, Silent};
 use crate::config::SeafloorConfig;
 use crate::error::Result;
 use crate::estimate::MatchedPair;
-use crate::geometry::{Pings, SeafloorPlane, View};
+use crate::geometry::{Pings, SeafloorPlane, Sighted, View};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
 
@@ -178,13 +178,16 @@ fn scale_misfits(seen: &Collected, pings: &Pings, rig: &Rig, config: &SeafloorCo
     let planes: Vec<Option<SeafloorPlane>> = seen.frames.iter().map(|f| pings.seafloor(f.stamp, rig, config).ok()).collect();
     let of_pair = |pair: &MatchedPair| {
         let (plane_a, plane_b) = (planes[pair.a].as_ref()?, planes[pair.b].as_ref()?);
-        let (view_a, view_b) = (View { camera: &rig.camera, rig, plane: plane_a }, View { camera: &rig.camera, rig, plane: plane_b });
+        let (view_a, view_b) =
+            (View { camera: &rig.camera, rig, plane: plane_a, relief: None }, View { camera: &rig.camera, rig, plane: plane_b, relief: None });
         let (places_a, places_b) = (&seen.frames[pair.a].places, &seen.frames[pair.b].places);
         let every = pair.keypoints.len().div_ceil(MOST_POINTS);
         let (mut a, mut b) = (Vec::new(), Vec::new());
         for (i, j) in pair.keypoints.iter().step_by(every) {
             let (p, q) = (places_a.get(*i as usize)?, places_b.get(*j as usize)?);
-            if let (Some((p, _)), Some((q, _))) = (view_a.seafloor_point_of(p.0, p.1), view_b.seafloor_point_of(q.0, q.1)) {
+            if let (Some(Sighted { hit: p, .. }), Some(Sighted { hit: q, .. })) =
+                (view_a.seafloor_point_of(p.0, p.1), view_b.seafloor_point_of(q.0, q.1))
+            {
                 a.push(p.vector());
                 b.push(q.vector());
             }

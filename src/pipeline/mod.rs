@@ -382,7 +382,7 @@ fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
 
 /// Exposure and white balance, from the samples' corrected light.
 fn shown(frames: &[FrameSamples], model: &ImagingModel, mount: Transform<Body, Strobe>, white_level: Option<u16>, config: &Config) -> RenderingFile {
-    let lit = frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(f.normal, mount)?))));
+    let lit = frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(mount)?))));
     let lit: Vec<([f32; 3], LightPath)> = lit.collect();
     rendering(&lit, model, white_level, &config.render)
 }

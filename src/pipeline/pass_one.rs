@@ -80,7 +80,8 @@ pub fn collect(
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
-        let view = View { camera: &camera, rig: &survey.rig, plane: &plane };
+        let relief = survey.pings.relief(stamp, &plane, &survey.rig);
+        let view = View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
         let mut taken = samples((index, stamp), &image, &view, with_keypoints, &config.matching, &config.estimate);
         taken.eight_bit = bits <= 8;
         let plane_at = |offset_s: f64| {

@@ -190,7 +190,13 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     if camera_topic.contains("rect") || ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| camera_topic.to_lowercase().contains(w)) {
         warnings.push(format!("{camera_topic}: by its name these pictures have been processed already"));
     }
-    let pings = Pings::new(pings, attitude);
+    let mut pings = Pings::new(pings, attitude);
+    let stamps: Vec<Stamp> = frames.iter().map(|f| f.stamp).collect();
+    if let Some(foretold) = pings.use_relief(&stamps, &rig, &config.seafloor) {
+        remarks.push(format!(
+            "the seafloor is not flat: heights from hits along the track are used (hits that were left out lie {foretold:.2} times as far from them as from the plane)"
+        ));
+    }
     Ok(Survey {
         camera_topic,
         camera_channels,

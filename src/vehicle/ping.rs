@@ -3,6 +3,7 @@
 //! In: nothing but numbers already freed of "no return" markers. Out: *direction × slant range = point on
 //! the seafloor*, in the instrument's space (z along its boresight). An altimeter is an instrument with one beam.
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::spaces::{Direction, Dvl};
@@ -26,6 +27,8 @@ pub struct Ping {
     pub beams: Vec<Beam>,
     /// height over the floor where there is no beam to point with
     pub altitude: Option<Altitude>,
+    /// of the instrument over the seafloor, along its own axes [m/s]
+    pub velocity_m_per_s: Option<Vector3<f64>>,
 }
 
 impl Ping {

@@ -6,7 +6,7 @@
 //! c = gain * exposure * [ r(X) * BP(theta, phi) * cos(gamma) / la^p * exp(-alpha (la + ls)) + B(ray) ]
 //! ```
 //!
-//! - `X` is where the pixel's ray meets the floor, a plane in the world; `la` is the way from strobe to `X`, `ls` from
+//! - `X` is where the pixel's ray meets the floor, a plane in the world, with ridges if asked for; `la` is the way from strobe to `X`, `ls` from
 //!   `X` to the camera, `gamma` the angle at `X` between floor normal and strobe (Kaeli & Singh Eq. 1, 4, 10). Light
 //!   falls with `la^-p`, p = 2; there is no `1/ls^2`, as a pixel's footprint grows with it.
 //! - `theta = atan2(y, z)`, `phi = atan2(x, z)` in the strobe's optical frame; `BP` is two Gaussian lobes in angle,
@@ -85,6 +85,7 @@ pub struct Dive {
     pub attenuation_drift: f64,      // linear change from first to last frame, as a fraction of it
     pub altitude_m: (f64, f64),      // the camera's height over the floor swings between these
     pub slope_deg: (f64, f64),       // the floor climbs by these along world x and y
+    pub relief_m: f64,               // amplitude of ridges over that, most of them across the track
     pub tilt_deg: f64,               // amplitude of roll and of pitch
     pub lost_beams: f64,             // chance of each beam of each ping to be lost
     pub range_noise: f64,            // standard deviation of a range, as a fraction of it
@@ -104,7 +105,7 @@ impl Default for Dive {
         Self {
             seed: 1, frames: 24, width: 384, height: 288, focal_px: 460.0, distortion: [0.0; 5],
             attenuation_per_m: [0.45, 0.14, 0.10], attenuation_drift: 0.0, altitude_m: (1.5, 3.0),
-            slope_deg: (2.0, 1.0), tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
+            slope_deg: (2.0, 1.0), relief_m: 0.0, tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
             backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, vignetting: false, sensor: Sensor::Bayer16,
             dvl: DvlType::MarineAcoustic, with_imu: true, with_strobe_mount: true, noise: true,
         }
@@ -213,12 +214,36 @@ const LOBES_PEAK: f64 = 1.025_256_340_262_812_8; // found by walking uphill
 fn intensity(d: &V3) -> f64 { if d.z <= 0.0 { 0.0 } else { lobes(d.y.atan2(d.z), d.x.atan2(d.z)) / LOBES_PEAK } }
 
 // --- The picture ---
+/// Height of the ridges and its slopes along world x and y, for an amplitude of 1.
+fn ridges(x: f64, y: f64) -> (f64, f64, f64) {
+    let waves = [(0.6, 3.4, 0.15, 0.4), (0.4, 5.7, -0.25, 2.1)]; // share, wavelength, y per x of its direction, phase
+    waves.iter().fold((0.0, 0.0, 0.0), |(h, dx, dy), &(share, length, lean, phase)| {
+        let k = TAU / length;
+        let (sin, cos) = (k * (x + lean * y) + phase).sin_cos();
+        (h + share * sin, dx + share * k * cos, dy + share * k * lean * cos)
+    })
+}
+/// How many times `ray` lies between `from` and the floor, both in the world; `flat`: the same to the flat floor.
+fn meet(from: &V3, ray: &V3, flat: f64, slope: (f64, f64), relief_m: f64) -> f64 {
+    let mut t = flat;
+    for _ in 0..30 {
+        let at = from + ray * t;
+        let (h, dx, dy) = ridges(at.x, at.y);
+        let over = at.z - at.x * slope.0 - at.y * slope.1 - relief_m * h;
+        let step = over / (ray.z - ray.x * (slope.0 + relief_m * dx) - ray.y * (slope.1 + relief_m * dy));
+        t -= step;
+        if step.abs() < 1e-9 { break; }
+    }
+    t
+}
+
 /// One frame's geometry, in its camera's optical frame, and its water.
 struct View {
     pose: (V3, Turn),
     camera_in_world: V3,
     world_from_optical: Matrix3<f64>,
     plane: (V3, f64), // normal . X = distance
+    slope: (f64, f64), relief_m: f64,
     strobe: V3,
     strobe_from_optical: Matrix3<f64>,
     attenuation: Bands,
@@ -234,6 +259,7 @@ impl View {
             pose, camera_in_world,
             world_from_optical: (pose.1 * optical).to_rotation_matrix().into_inner(),
             plane: (-((pose.1 * optical).inverse() * dive.floor_normal()), dive.floor_normal().dot(&camera_in_world)),
+            slope: (dive.slope_deg.0.to_radians().tan(), dive.slope_deg.1.to_radians().tan()), relief_m: dive.relief_m,
             strobe: optical.inverse() * (V3::from(STROBE_IN_BASE) - camera),
             strobe_from_optical: (base_from_strobe().inverse() * optical).to_rotation_matrix().into_inner(),
             attenuation: Bands::from(dive.attenuation_per_m) * (1.0 + dive.attenuation_drift * (age - 0.5)),
@@ -243,14 +269,25 @@ impl View {
     fn floor_point(&self, ray: [f64; 2]) -> V3 {
         let ray = V3::new(ray[0], ray[1], 1.0);
         assert!(self.plane.0.dot(&ray) > 1e-3, "a ray misses the floor: less tilt, slope or field of view");
-        ray * (self.plane.1 / self.plane.0.dot(&ray))
+        let flat = self.plane.1 / self.plane.0.dot(&ray);
+        if self.relief_m == 0.0 { return ray * flat; }
+        let world = self.world_from_optical * ray;
+        ray * meet(&self.camera_in_world, &world, flat, self.slope, self.relief_m)
+    }
+    /// The floor's normal at `point`, away from the camera; both in the optical frame.
+    fn normal(&self, point: &V3) -> V3 {
+        if self.relief_m == 0.0 { return self.plane.0; }
+        let [x, y] = self.world_xy(point);
+        let (_, dx, dy) = ridges(x, y);
+        let up = V3::new(-self.slope.0 - self.relief_m * dx, -self.slope.1 - self.relief_m * dy, 1.0).normalize();
+        -(self.world_from_optical.transpose() * up)
     }
     fn world_xy(&self, at: &V3) -> [f64; 2] { (self.camera_in_world + self.world_from_optical * at).xy().into() }
     /// The direct light off a white floor at `point`.
     fn direct(&self, point: &V3, exponent: f64) -> Bands {
         let from_strobe = point - self.strobe;
         let (la, ls) = (from_strobe.norm(), point.norm());
-        let cos_gamma = (self.plane.0.dot(&from_strobe) / la).max(0.0);
+        let cos_gamma = (self.normal(point).dot(&from_strobe) / la).max(0.0);
         let lit = intensity(&(self.strobe_from_optical * from_strobe)) * cos_gamma / la.powf(exponent);
         self.attenuation.map(|alpha| lit * (-alpha * (la + ls)).exp())
     }
@@ -556,7 +593,13 @@ impl Dive {
             let key = (4 * n + i) as u64;
             let (lost, towards) = (unit(hash(self.seed, key, 0x105e)) < self.lost_beams, -up.dot(&beams[i]));
             let noise = self.range_noise * gaussian(hash(self.seed, key, 0x2a49));
-            (!lost && towards > 0.1).then(|| height / towards * (1.0 + noise))
+            let range = || {
+                let flat = height / towards;
+                if self.relief_m == 0.0 { return flat; }
+                let slope = (self.slope_deg.0.to_radians().tan(), self.slope_deg.1.to_radians().tan());
+                meet(&place(t), &(dvl_from_world.inverse() * beams[i]), flat, slope, self.relief_m)
+            };
+            (!lost && towards > 0.1).then(|| range() * (1.0 + noise))
         });
         let good: Vec<f64> = ranges.iter().flatten().copied().collect();
         if !good.is_empty() { *altitude = beams[0].z * good.iter().sum::<f64>() / good.len() as f64; }

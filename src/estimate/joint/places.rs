@@ -7,12 +7,15 @@ use crate::model::log_geometry;
 /// Most further unknowns at a time.
 pub const MOST_PLACES: usize = 6;
 
+/// The way of light to an observation with an unknown off by so much.
+pub type MovedPath<'f> = dyn Fn(&Observation, f64) -> Option<LightPath> + 'f;
+
 /// One more unknown: the step of its numeric derivative, and the way of light when it is off by so much.
 pub struct Place<'f> {
     /// in the unknown's unit
     pub step: f64,
     /// (observation, by how much) → the way of light
-    pub path: Box<dyn Fn(&Observation, f64) -> Option<LightPath> + 'f>,
+    pub path: Box<MovedPath<'f>>,
 }
 
 /// A step that the residuals ask for, with its standard deviation, in the unknowns' units.

@@ -119,7 +119,8 @@ impl OfCamera<'_> {
             if bands != self.model.bands {
                 return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
             }
-            let view = View { camera: &camera, rig: &self.survey.rig, plane: &found };
+            let relief = self.survey.pings.relief(stamp, &found, &self.survey.rig);
+            let view = View { camera: &camera, rig: &self.survey.rig, plane: &found, relief: relief.as_ref() };
             let now = self.model.at(stamp);
             let Corrected { image, facts } = Correction { model: &now, ..self.correction }.apply(
                 picture.image,

@@ -153,7 +153,7 @@ mod tests {
     fn frozen_altitudes_and_limits_are_told() {
         let pings = |altitude: Option<f64>, range: Option<f64>, n: usize| {
             let beam = range.map(|r| Beam { direction: Direction::boresight(), range: Some(SlantRange(r)) });
-            vec![(Ping { stamp: Stamp(0), beams: beam.into_iter().collect(), altitude: altitude.map(Altitude) }, Stamp(0)); n]
+            vec![(Ping { stamp: Stamp(0), beams: beam.into_iter().collect(), altitude: altitude.map(Altitude), velocity_m_per_s: None }, Stamp(0)); n]
         };
         assert!(ranges(&pings(Some(1.85), None, 30))[0].contains("stands still"));
         let limited = [pings(None, Some(81.0), 30), pings(None, Some(2.0), 1)].concat();
