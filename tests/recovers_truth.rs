@@ -233,3 +233,27 @@ fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
     assert!((check.turn_deg[0] - 2.0).abs() < 0.5 && check.turn_deg[1].abs() < 0.5, "{check:?}");
     assert!(told(&v).iter().any(|w| w.contains("dvl.mount")), "{:?}", told(&v));
 }
+
+#[test]
+fn ground_that_is_not_flat_is_followed_and_flat_ground_is_left_a_plane() {
+    let dive = Dive { seed: 151, frames: 40, relief_m: 0.15, ..Dive::default() };
+    let is_told = |v: &Verdict| v.report.remarks.iter().any(|r| r.contains("not flat"));
+    let (v, truth) = judged(&dive, &Options::default());
+    assert!(is_told(&v), "{:?}", v.report.remarks);
+    assert_near("ridges", &v, &truth, 0.06, 0.05, 0.04);
+    let mut off = Options::default();
+    off.config.seafloor.relief = Switch::Off;
+    let (plane, _) = judged(&dive, &off);
+    assert!(plane.reflectance_error[1] > 2.0 * v.reflectance_error[1], "{:?} and {:?}", plane.reflectance_error, v.reflectance_error);
+    let (flat, _) = judged(&Dive { relief_m: 0.0, frames: 24, ..dive }, &Options::default());
+    assert!(!is_told(&flat), "{:?}", flat.report.remarks);
+}
+
+#[test]
+fn a_return_leg_is_matched_with_the_way_out() {
+    let dive = Dive { seed: 161, frames: 48, return_leg: true, ..Dive::default() };
+    let (v, truth) = judged(&dive, &Options::default());
+    assert_near("return leg", &v, &truth, 0.03, 0.05, 0.03);
+    let longest = v.model.estimators["joint"].details["longest_track_frames"];
+    assert!(longest > 20.0, "the way out and the way back share no point: {longest}");
+}

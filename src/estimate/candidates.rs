@@ -118,7 +118,9 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         backscatter,
         ..samples.model(answer.attenuation_per_m, spreading, beam_pattern, config)
     };
-    let mut details = vec![("tracks", answer.tracks as f64), ("path_spread_m", answer.path_spread_m)];
+    let apart = |t: &Track| t.iter().map(|o| o.frame).max().unwrap_or(0) - t.iter().map(|o| o.frame).min().unwrap_or(0);
+    let farthest = tracks.iter().map(apart).max().unwrap_or(0);
+    let mut details = vec![("tracks", answer.tracks as f64), ("longest_track_frames", f64::from(farthest)), ("path_spread_m", answer.path_spread_m)];
     if bands == 3 {
         details.push(("red_minus_green_std_per_m", answer.difference_std_per_m[0]));
         details.push(("green_minus_blue_std_per_m", answer.difference_std_per_m[1]));

@@ -69,7 +69,7 @@ impl Way {
     }
 
     /// The place at a moment between two pings of one stretch.
-    fn at(&self, pings: &[Ping], stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
+    pub fn at(&self, pings: &[Ping], stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
         let after = pings.partition_point(|p| p.stamp < stamp);
         let (a, b) = (after.checked_sub(1)?, after);
         let (first, second) = (self.0.get(a)?, self.0.get(b)?);

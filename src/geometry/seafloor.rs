@@ -16,7 +16,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::relief::{Relief, Way, foretold, heights, is_worth_it};
 use crate::config::{SeafloorConfig, Switch};
-use crate::spaces::{Body, Direction};
+use crate::spaces::{Body, Direction, Point};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
 
@@ -87,15 +87,17 @@ struct Hit {
 pub struct Pings {
     pings: Vec<Ping>,
     attitude: AttitudeTrack,
-    /// the instrument's way, where the ground's relief is used
-    way: Option<Way>,
+    /// the instrument's way over the ground
+    way: Way,
+    /// whether the ground's relief is used
+    uses_relief: bool,
 }
 
 impl Pings {
     /// Sorts the pings.
     pub fn new(mut pings: Vec<Ping>, attitude: AttitudeTrack) -> Self {
         pings.sort_by_key(|p| p.stamp);
-        Self { pings, attitude, way: None }
+        Self { pings, attitude, way: Way::default(), uses_relief: false }
     }
 
     /// The attitude between them.
@@ -108,26 +110,37 @@ impl Pings {
         &self.pings
     }
 
-    /// Decides whether the ground's relief is used: how well it foretells hits at some of `stamps`, over the plane.
-    pub fn use_relief(&mut self, stamps: &[Stamp], rig: &Rig, config: &SeafloorConfig) -> Option<f64> {
+    /// Finds the instrument's way, and decides whether the ground's relief is used: how well it foretells hits at some of
+    /// `stamps`, over the plane.
+    pub fn find_way(&mut self, stamps: &[Stamp], rig: &Rig, config: &SeafloorConfig) -> Option<f64> {
+        self.way = Way::of(&self.pings, &self.attitude, rig);
         if config.relief == Switch::Off {
             return None;
         }
-        let way = Way::of(&self.pings, &self.attitude, rig);
         let some = stamps.iter().step_by(stamps.len().div_ceil(RELIEF_FRAMES).max(1));
         let foretold = foretold(some.filter_map(|stamp| {
             let plane = self.seafloor(*stamp, rig, config).ok()?;
             let altitude_m = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
-            Some((heights(&self.pings, &way, &self.attitude, *stamp, &plane, rig), altitude_m))
+            Some((heights(&self.pings, &self.way, &self.attitude, *stamp, &plane, rig), altitude_m))
         }));
-        let is_used = config.relief == Switch::On || foretold.is_some_and(is_worth_it);
-        self.way = is_used.then_some(way);
-        foretold.filter(|_| is_used)
+        self.uses_relief = config.relief == Switch::On || foretold.is_some_and(is_worth_it);
+        foretold.filter(|_| self.uses_relief)
+    }
+
+    /// A point of the body at a moment, in a world that is one for a stretch of pings without a gap: which stretch, and
+    /// where [m]. Good to about a hundredth of the way between two moments.
+    pub fn in_world(&self, stamp: Stamp, at: Point<Body>, rig: &Rig) -> Option<(u32, Vector3<f64>)> {
+        let (stretch, instrument) = self.way.at(&self.pings, stamp)?;
+        let from_instrument = at.vector() - rig.body_from_dvl.origin().vector();
+        Some((stretch, instrument + self.attitude.world_from_body(stamp)? * from_instrument))
     }
 
     /// Heights over a frame's plane, where the relief is used and seen there.
     pub fn relief(&self, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Option<Relief> {
-        Relief::new(heights(&self.pings, self.way.as_ref()?, &self.attitude, stamp, plane, rig), plane, rig)
+        if !self.uses_relief {
+            return None;
+        }
+        Relief::new(heights(&self.pings, &self.way, &self.attitude, stamp, plane, rig), plane, rig)
     }
 
     /// The plane below the vehicle at `stamp`.

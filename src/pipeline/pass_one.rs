@@ -12,6 +12,7 @@ use crate::image::SensorImage;
 use crate::image::decode::{Decoded, Light, decode};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Entry, Message, Recording, Window};
+use crate::spaces::Point;
 
 use super::ordered_map::{Threads, ordered_map};
 use super::scan::Scan;
@@ -20,6 +21,12 @@ use super::{Progress, Step};
 
 /// Frames in a row that pass one takes before it jumps on; overlap needs neighbours.
 const STRETCH: usize = 12;
+
+/// Frames that many times as far apart as neighbours may cross each other, where the ground they look at lies within this
+/// share of the altitude; so many are tried for each.
+const CROSSING_FRAMES: usize = 3;
+const CROSSING_SHARE: f64 = 0.5;
+const CROSSINGS_PER_FRAME: usize = 2;
 
 /// What pass one keeps of one log.
 #[derive(Default)]
@@ -126,11 +133,34 @@ fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Confi
     Ok((image, coding.bits))
 }
 
+/// Frames far apart in time that look at the same ground, by the way of the instrument: crossing tracks, return legs.
+fn crossings(frames: &[FrameSamples], survey: &Survey, config: &Config) -> Vec<(usize, usize)> {
+    let looked_at = |f: &FrameSamples| {
+        let sum: nalgebra::Vector3<f64> = f.grid.iter().map(|(_, s)| s.hit.vector()).sum();
+        let middle = Point::from_vector(sum / f.grid.len().max(1) as f64);
+        survey.pings.in_world(f.stamp, middle, &survey.rig)
+    };
+    let places: Vec<_> = frames.iter().map(looked_at).collect();
+    let apart = |a: usize, b: usize| {
+        let ((s, p), (t, q)) = (places[a]?, places[b]?);
+        let (distance, altitude) = ((p - q).norm(), (frames[a].camera_altitude_m + frames[b].camera_altitude_m) / 2.0);
+        (s == t && distance < CROSSING_SHARE * altitude).then_some(distance)
+    };
+    let mut found = Vec::new();
+    for a in 0..frames.len() {
+        let later = (a + 1..frames.len()).filter(|b| frames[*b].frame - frames[a].frame > CROSSING_FRAMES * config.matching.neighbours);
+        let mut of_frame: Vec<(f64, usize)> = later.filter_map(|b| Some((apart(a, b)?, b))).collect();
+        of_frame.sort_by(|x, y| x.0.total_cmp(&y.0));
+        found.extend(of_frame.into_iter().take(CROSSINGS_PER_FRAME).map(|(_, b)| (a, b)));
+    }
+    found
+}
+
 fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<MatchedPair>> {
     let neighbours = (0..frames.len()).flat_map(|a| (a + 1..frames.len().min(a + 1 + config.matching.neighbours)).map(move |b| (a, b)));
     // Frames of one stretch are neighbours; the last of one and the first of the next are not.
     let near = neighbours.filter(|(a, b)| frames[*b].frame - frames[*a].frame <= config.matching.neighbours);
-    let near: Vec<(usize, usize)> = near.collect();
+    let near: Vec<(usize, usize)> = near.chain(crossings(frames, survey, config)).collect();
     progress.begin(Step::Match, near.len());
     let camera = &survey.rig.camera;
     let reduction = camera.width.max(camera.height).div_ceil(config.matching.detection_side_px).max(1) as f64;

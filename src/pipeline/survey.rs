@@ -192,7 +192,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     }
     let mut pings = Pings::new(pings, attitude);
     let stamps: Vec<Stamp> = frames.iter().map(|f| f.stamp).collect();
-    if let Some(foretold) = pings.use_relief(&stamps, &rig, &config.seafloor) {
+    if let Some(foretold) = pings.find_way(&stamps, &rig, &config.seafloor) {
         remarks.push(format!(
             "the seafloor is not flat: heights from hits along the track are used (hits that were left out lie {foretold:.2} times as far from them as from the plane)"
         ));
