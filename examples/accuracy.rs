@@ -51,6 +51,7 @@ const CASES: &[Case] = &[
         change: |c| c.seafloor.relief = Switch::Off,
         extra: |_| String::new(),
     },
+    Case { name: "two strobes", dive: |s| Dive { second_strobe: true, ..plain(s) }, change: |_| {}, extra: |_| String::new() },
     Case { name: "slope 15°", dive: |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
 ];
 

@@ -257,3 +257,15 @@ fn a_return_leg_is_matched_with_the_way_out() {
     let longest = v.model.estimators["joint"].details["longest_track_frames"];
     assert!(longest > 20.0, "the way out and the way back share no point: {longest}");
 }
+
+#[test]
+fn two_strobes_are_told_from_one() {
+    let dive = Dive { seed: 171, frames: 40, second_strobe: true, ..Dive::default() };
+    let (v, truth) = judged(&dive, &Options::default());
+    assert!(v.report.remarks.iter().any(|r| r.contains("second_strobe_optical_frame")), "{:?}", v.report.remarks);
+    let mut named = Options::default();
+    named.selection.strobe_frame = Some("strobe_optical_frame".into());
+    let (one, _) = judged(&dive, &named);
+    assert!(one.reflectance_error[1] > 1.5 * v.reflectance_error[1]);
+    assert_near("two strobes", &v, &truth, 0.04, 0.06, 0.04);
+}

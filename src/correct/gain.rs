@@ -59,7 +59,7 @@ impl<'g> GainGrid<'g> {
                 }
                 met += 1;
                 capped += usize::from(is_capped);
-                unseen += usize::from(!correction.model.beam_pattern.is_seen(path.angles));
+                unseen += usize::from(!path.all_angles().all(|a| correction.model.beam_pattern.is_seen(a)));
                 (shortest, longest) = (shortest.min(path.length_m()), longest.max(path.length_m()));
                 sum += path.length_m();
                 gain_sum += f64::from(gain[..bands].iter().sum::<f32>()) / bands as f64;
@@ -179,7 +179,7 @@ mod tests {
     use crate::image::LinearImage;
     use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
     use crate::spaces::{Direction, Transform};
-    use crate::vehicle::{Camera, Rig, StrobeMount};
+    use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
     /// The interpolated gain against the exact formula, on a tilted floor, with part of the picture above the horizon.
     #[test]
@@ -213,7 +213,7 @@ mod tests {
                 camera,
                 body_from_optical: Transform::identity(),
                 body_from_dvl: Transform::identity(),
-                strobe: StrobeMount { body_from_strobe: Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985]), source: None },
+                strobe: StrobeMount { lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])), source: None },
             };
             let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
             let mut image = SensorImage { light: LinearImage::new(643, 451, 3), mosaic: None };

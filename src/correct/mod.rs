@@ -110,7 +110,7 @@ fn log_removed(method: Method, model: &ImagingModel, path: &LightPath, band: usi
     match method {
         Method::Full | Method::FrameAverage => model.log_light(path, band),
         Method::Attenuation => model.log_water(path, band) + model.spreading.log_light(path),
-        Method::BeamPattern => model.beam_pattern.log_gain(path.angles),
+        Method::BeamPattern => model.log_light(path, band) - model.log_water(path, band) - model.log_geometry(path),
     }
 }
 

@@ -84,18 +84,17 @@ fn take_off(sight: &mut Sight, bands: usize, veil: &Bands) {
 
 /// Finds b; `None` where the log shows none (or, for `auto`, no evidence of it).
 pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBackscatter> {
-    let (mount, paths) = (samples.body_from_strobe, &|o: &Observation, mount| samples.path_from(o, mount));
+    let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
     let plain = Setting { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setting };
     let mut problem = Problem::new(samples.tracks, &plain, mount, paths)?;
     let solution = problem.solve(plain.rounds)?;
     let mut said = problem.said(&solution);
     let frustum = Frustum::around(samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))));
-    let optical_from_strobe = samples.body_from_optical.inverse() * mount;
     let mut now = Backscatter::NONE;
     let mut settled = None;
     for step in 0..STEPS {
         now.attenuation_per_m = said.attenuation_per_m.map(|a| a.max(0.0));
-        let table = GlowTable::new(&said.beam, optical_from_strobe, &now.attenuation_per_m, frustum);
+        let table = GlowTable::new(&said.beam, samples.body_from_optical, &mount, &now.attenuation_per_m, frustum);
         let glow = |o: &Observation| {
             let (x, y, s) = samples.ray(&o.sight);
             table.at(x, y, s)

@@ -91,11 +91,11 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         free_strobe: samples.strobe_is_found,
         ..samples.setting(nodes, config)
     };
-    let answer = joint::solve(tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
+    let answer = joint::solve(tracks, &setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
         .ok_or("the points seen more than once do not hold the unknowns")?;
     let mut answer = answer;
     let plain = joint::Setting { glow: None, rounds: FEW_ROUNDS, ..setting };
-    let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount)));
+    let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount)));
     let (common, between) = common_errors(samples, without_glow.map(|a| a.attenuation_per_m), &answer.attenuation_per_m);
     for b in 0..bands {
         answer.std_per_m[b] = answer.std_per_m[b].hypot(common[b]);
@@ -146,21 +146,29 @@ fn low_answer(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<
         .map(|t| t.iter().copied().filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.camera_altitude_m <= middle)).collect())
         .filter(|t: &Track| t.len() >= 2)
         .collect();
-    joint::solve(&low, setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))
+    joint::solve(&low, setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
 }
 
 /// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both are known.
 pub fn completed(beam: &[Option<f64>], samples: &Samples<'_>, alpha: &Bands, spreading: SpreadingModel, config: &EstimateConfig) -> BeamPattern {
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
-    let bins =
-        angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|_, s| s.path(samples.body_from_strobe)).by_node();
+    if samples.lamps.lamps().len() > 1 {
+        return BeamPattern::from_nodes(nodes, beam);
+    }
+    let bins = angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|_, s| s.path(samples.lamps)).by_node();
     let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
     let level = robust::median(&steps);
     let values: Vec<Option<f64>> = beam.iter().zip(&bins).map(|(a, b)| a.or(b.map(|b| b + level).filter(|v| v.is_finite()))).collect();
     BeamPattern::from_nodes(nodes, &values)
 }
 
+/// Eq. 16 and 17 know one strobe.
+fn one_lamp(samples: &Samples<'_>) -> std::result::Result<(), String> {
+    if samples.lamps.lamps().len() == 1 { Ok(()) } else { Err("several lamps shine; the joint solve alone tells them apart".into()) }
+}
+
 pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+    one_lamp(samples)?;
     if samples.tracks.len() < config.least_pairs {
         return Err(format!("{} points seen more than once; {} are needed", samples.tracks.len(), config.least_pairs));
     }
@@ -176,8 +184,7 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
     let mut answer = first.clone();
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern =
-            angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|_, s| s.path(samples.body_from_strobe)); // Eq. 17
+        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|_, s| s.path(samples.lamps)); // Eq. 17
         answer = pairs(&beam_pattern)?; // "we also recompute", §IV-C
         if settled(&before, &answer.attenuation_per_m) {
             break;
@@ -192,6 +199,7 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
 }
 
 pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+    one_lamp(samples)?;
     let spread = samples.altitude_spread();
     if samples.frames.len() < 5 || !samples.altitude_varies(config) {
         return Err(format!(
@@ -202,7 +210,7 @@ pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig)
     }
     let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes);
-    let path = |_: &FrameSamples, s: &Sight| s.path(samples.body_from_strobe);
+    let path = |_: &FrameSamples, s: &Sight| s.path(samples.lamps);
     let slope = |beam: &BeamPattern| {
         let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
         altitude_slope::attenuation(samples.frames, bands, &path, &known)

@@ -36,7 +36,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundDrift> 
     if setting.config.drift == Switch::Auto && !altitude_recurs(samples) {
         return None;
     }
-    let (mount, paths) = (samples.body_from_strobe, &|o: &Observation, mount| samples.path_from(o, mount));
+    let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
     let steady = Setting { free_strobe: false, drift: None, ..*setting };
     let without = held_out::misfits(samples.tracks, &steady, mount, paths)?;
     let with = held_out::misfits(samples.tracks, &Setting { drift: Some(&found.places), ..steady }, mount, paths)?;

@@ -33,7 +33,7 @@ pub fn uneven_light(samples: &Samples<'_>, config: &EstimateConfig) -> Vec<f64> 
     let model = || {
         let spreading = SpreadingModel::of(config.spreading);
         let setting = samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config);
-        let mut problem = Problem::new(samples.tracks, &setting, samples.body_from_strobe, &|o, mount| samples.path_from(o, mount))?;
+        let mut problem = Problem::new(samples.tracks, &setting, samples.lamps, &|o, mount| samples.path_from(o, mount))?;
         let solution = problem.solve(ROUNDS)?;
         let said = problem.said(&solution);
         Some(samples.model(said.attenuation_per_m, spreading, said.beam, config))

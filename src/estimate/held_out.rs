@@ -6,14 +6,14 @@
 use super::joint::{PathFor, Problem, Setting};
 use super::robust;
 use super::tracks::Track;
-use crate::spaces::{Body, Strobe, Transform};
+use crate::vehicle::Lamps;
 
 /// One frame in so many is held out.
 const EVERY: u32 = 3;
 const ROUNDS: usize = 5;
 
 /// Misfits of held-out views [log light]; `None` where what is left does not hold the solve.
-pub fn misfits(tracks: &[Track], setting: &Setting<'_>, mount: Transform<Body, Strobe>, paths: &PathFor<'_>) -> Option<Vec<f64>> {
+pub fn misfits(tracks: &[Track], setting: &Setting<'_>, mount: Lamps, paths: &PathFor<'_>) -> Option<Vec<f64>> {
     let is_held = |frame: u32| frame % EVERY == EVERY - 1;
     let shown: Vec<Track> = tracks.iter().map(|t| t.iter().filter(|o| !is_held(o.frame)).copied().collect()).collect();
     let mut problem = Problem::new(&shown, setting, mount, paths)?;

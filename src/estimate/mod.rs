@@ -41,7 +41,8 @@ use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{BeamPattern, EstimatorAnswer, ImagingModel, Nodes, SpreadingModel};
-use crate::spaces::{Body, Optical, Strobe, Transform};
+use crate::spaces::{Body, Optical, Transform};
+use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
 use drift::FoundDrift;
 use mount_search::check_mounts;
@@ -74,7 +75,7 @@ pub struct Samples<'s> {
     /// where the camera sits
     pub body_from_optical: Transform<Body, Optical>,
     /// where the light sits
-    pub body_from_strobe: Transform<Body, Strobe>,
+    pub lamps: Lamps,
     /// whether that came from these samples themselves
     pub strobe_is_found: bool,
     /// what the water scatters back, which has been taken off the colours, and the tracks before it was
@@ -86,13 +87,8 @@ pub struct Samples<'s> {
 }
 
 impl<'s> Samples<'s> {
-    fn plain(
-        frames: &'s [FrameSamples],
-        tracks: &'s [Track],
-        body_from_optical: Transform<Body, Optical>,
-        body_from_strobe: Transform<Body, Strobe>,
-    ) -> Self {
-        Self { frames, tracks, body_from_optical, body_from_strobe, strobe_is_found: false, glow: None, drift: None, unmodelled_glow: None }
+    fn plain(frames: &'s [FrameSamples], tracks: &'s [Track], body_from_optical: Transform<Body, Optical>, lamps: Lamps) -> Self {
+        Self { frames, tracks, body_from_optical, lamps, strobe_is_found: false, glow: None, drift: None, unmodelled_glow: None }
     }
 
     /// A sight's ray: x/z, y/z in the image plane, and ℓ_s [m].
@@ -131,11 +127,11 @@ impl<'s> Samples<'s> {
     }
 
     fn path(&self, o: &Observation) -> Option<LightPath> {
-        self.path_from(o, self.body_from_strobe)
+        self.path_from(o, self.lamps)
     }
 
-    fn path_from(&self, o: &Observation, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
-        o.sight.path(body_from_strobe)
+    fn path_from(&self, o: &Observation, lamps: Lamps) -> Option<LightPath> {
+        o.sight.path(lamps)
     }
 
     fn bands(&self) -> usize {
@@ -184,7 +180,7 @@ pub fn understand(
     mut frames: Vec<FrameSamples>,
     mut tracks: Vec<Track>,
     body_from_optical: Transform<Body, Optical>,
-    given: (Transform<Body, Strobe>, bool),
+    given: (Lamps, bool),
     settings: &[Vec<f64>],
     instrument: Vector3<f64>,
     config: &EstimateConfig,
@@ -200,7 +196,7 @@ pub fn understand(
         strobe_search::place_strobe(&Samples::plain(frames, tracks, body_from_optical, given.0), given.1, config)
     };
     let mut strobe = placed(&frames, &tracks);
-    let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, strobe.body_from_strobe), config);
+    let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps), config);
     if log_gains.iter().any(|g| *g != 0.0) {
         frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
         strobe = placed(&frames, &tracks);
@@ -217,17 +213,17 @@ pub fn understand(
         if !can_tell {
             break;
         }
-        let placed = Samples { body_from_strobe: strobe.body_from_strobe, ..lit };
+        let placed = Samples { lamps: strobe.lamps, ..lit };
         let Some(found) = backscatter::find(&placed, &lit.setting(nodes, config)) else { break };
         if config.backscatter == Switch::Off {
             unmodelled = Some(found.attenuation_per_m);
             break;
         }
         let off = found.taken_off(&placed);
-        let before = strobe.body_from_strobe.origin().vector();
-        let start = if moves { strobe.body_from_strobe } else { given.0 };
+        let before = strobe.lamps.origin().vector();
+        let start = if moves { strobe.lamps } else { given.0 };
         strobe = strobe_search::place_strobe(&Samples::plain(&off.0, &off.1, body_from_optical, start), given.1, config);
-        let moved = (strobe.body_from_strobe.origin().vector() - before).norm();
+        let moved = (strobe.lamps.origin().vector() - before).norm();
         (backscatter, freed) = (Some(found), Some(off));
         if moved < 0.01 {
             break;
@@ -235,7 +231,7 @@ pub fn understand(
     }
     let raw_tracks = tracks;
     let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
-    let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.body_from_strobe);
+    let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps);
     (all.strobe_is_found, all.glow) = (strobe.source.is_some(), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
     let mounts = check_mounts(&all, instrument, config);
     let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };

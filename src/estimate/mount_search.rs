@@ -16,7 +16,8 @@ use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
 use crate::geometry::LightPath;
 use crate::model::Nodes;
-use crate::spaces::{Body, Direction, Point, Strobe, Transform};
+use crate::spaces::{Direction, Point};
+use crate::vehicle::Lamps;
 
 /// Observations that hold three numbers well enough.
 const MOST_OBSERVATIONS: usize = 8_000;
@@ -90,7 +91,7 @@ impl Shift<'_> {
         (turned, distance + (turned - normal).dot(&self.instrument))
     }
 
-    fn path(&self, o: &Observation, mount: Transform<Body, Strobe>) -> Option<LightPath> {
+    fn path(&self, o: &Observation, mount: Lamps) -> Option<LightPath> {
         let frame = self.samples.frames.get(o.frame as usize)?;
         let (normal, distance) = self.plane(frame);
         let camera = self.samples.body_from_optical.origin().vector();
@@ -115,7 +116,7 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
     let observations: usize = samples.tracks.iter().map(Vec::len).sum();
     let some: Vec<Track> = samples.tracks.iter().step_by(observations.div_ceil(MOST_OBSERVATIONS).max(1)).cloned().collect();
     let setting = Setting { rounds: 5, ..samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config) };
-    let mount = samples.body_from_strobe;
+    let mount = samples.lamps;
     let at = |by: Vector3<f64>| Shift { samples, by, instrument };
     let residual_at = |by: Vector3<f64>| -> Option<f64> {
         let shift = at(by);

@@ -14,8 +14,9 @@ use std::ops::Range;
 use crate::config::{EstimateConfig, MatchingConfig};
 use crate::geometry::{LightPath, Sighted, View, light_path};
 use crate::image::SensorImage;
-use crate::spaces::{Body, Direction, Point, Strobe, Transform};
+use crate::spaces::{Body, Direction, Point};
 use crate::units::Stamp;
+use crate::vehicle::Lamps;
 
 use super::keypoints::{Keypoint, keypoints};
 
@@ -91,8 +92,8 @@ impl FrameSamples {
 
 impl Sight {
     /// The way of light to it, for a strobe at a given mount.
-    pub fn path(&self, body_from_strobe: Transform<Body, Strobe>) -> Option<LightPath> {
-        light_path(self.hit, self.seafloor_to_camera_m, self.normal, body_from_strobe)
+    pub fn path(&self, lamps: Lamps) -> Option<LightPath> {
+        light_path(self.hit, self.seafloor_to_camera_m, self.normal, lamps)
     }
 }
 

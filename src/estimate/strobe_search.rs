@@ -14,7 +14,7 @@ use super::joint::{PathFor, Problem, Setting, strobe_places};
 use super::tracks::Track;
 use crate::config::{EstimateConfig, StrobePosition};
 use crate::model::Nodes;
-use crate::spaces::{Body, Strobe, Transform};
+use crate::vehicle::Lamps;
 
 /// Places tried around the camera before the search begins [m].
 const FIRST_RING_M: f64 = 0.6;
@@ -25,7 +25,7 @@ pub const MOST_OBSERVATIONS: usize = 16_000;
 #[derive(Clone, Debug)]
 pub struct FoundStrobe {
     /// its mount: found place, orientation as at the start
-    pub body_from_strobe: Transform<Body, Strobe>,
+    pub lamps: Lamps,
     /// standard deviation of the place, per body axis [m]
     pub std_m: [f64; 3],
     /// residual of the solve at the start, and where it was found [log light]
@@ -38,7 +38,7 @@ pub struct FoundStrobe {
 #[derive(Clone, Debug)]
 pub struct PlacedStrobe {
     /// its mount
-    pub body_from_strobe: Transform<Body, Strobe>,
+    pub lamps: Lamps,
     /// `found` or `refined`, where it was searched for and taken
     pub source: Option<&'static str>,
     /// the search, where there was one
@@ -52,11 +52,11 @@ const CONTRADICTION_M: f64 = 0.06;
 /// A place less sure than this is not found [m].
 const UNSURE_M: f64 = 0.15;
 
-/// Finds, refines or checks the strobe's place. `is_known` says whether `samples.body_from_strobe` is a measured pose;
+/// Finds, refines or checks the strobe's place. `is_known` says whether `samples.lamps` is a measured pose;
 /// where it is not, it is the camera's.
 pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConfig) -> PlacedStrobe {
-    let start = samples.body_from_strobe;
-    let kept = |warning: Option<String>, search| PlacedStrobe { body_from_strobe: start, source: None, search, warning };
+    let start = samples.lamps;
+    let kept = |warning: Option<String>, search| PlacedStrobe { lamps: start, source: None, search, warning };
     let choice = match (config.strobe_position, is_known) {
         (StrobePosition::Auto, false) => StrobePosition::Find,
         (chosen, _) => chosen,
@@ -75,13 +75,13 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     let Some(found) = found else { return kept(unknown(), None) };
     let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
     let is_sure = std.is_finite() && std < UNSURE_M;
-    let take = |source| PlacedStrobe { body_from_strobe: found.body_from_strobe, source: Some(source), search: Some(found.clone()), warning: None };
+    let take = |source| PlacedStrobe { lamps: found.lamps, source: Some(source), search: Some(found.clone()), warning: None };
     match choice {
         StrobePosition::Find if is_sure => take("found"),
         StrobePosition::Refine if is_sure => take("refined"),
         StrobePosition::Find | StrobePosition::Refine => kept(unknown(), Some(found)),
         _ if is_sure && found.moved_m > CONTRADICTION_M.max(3.0 * std) && found.residual[1] < 0.9 * found.residual[0] => {
-            let p = found.body_from_strobe.origin().vector();
+            let p = found.lamps.origin().vector();
             let sentence = format!(
                 "the log contradicts the strobe's given place: it fits better {:.2} m away, at [{:.3}, {:.3}, {:.3}] in the vehicle (± {std:.3} m; residual {:.4} instead of {:.4}); use it with --strobe-position refine",
                 found.moved_m, p.x, p.y, p.z, found.residual[1], found.residual[0]
@@ -94,15 +94,11 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
 
 /// Searches from `start`; `around` adds places beside it, for a start that is a mere guess. `None` where the log
 /// does not hold the solve.
-fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Transform<Body, Strobe>, around: bool, paths: &PathFor<'_>) -> Option<FoundStrobe> {
+fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Lamps, around: bool, paths: &PathFor<'_>) -> Option<FoundStrobe> {
     let observations: usize = tracks.iter().map(Vec::len).sum();
     let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
     let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();
-    let at = |place: Vector3<f64>| {
-        let mut isometry = start.isometry();
-        isometry.translation.vector = place;
-        Transform::from_isometry(isometry)
-    };
+    let at = |place: Vector3<f64>| start.moved_to(place);
     let residual_at = |place: Vector3<f64>| -> Option<f64> { Some(Problem::new(&some, setting, at(place), paths)?.solve(setting.rounds)?.residual) };
 
     let mut place = start.origin().vector();
@@ -125,5 +121,5 @@ fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Transform<Body,
     };
     let Lowest { place, std, residual } = descend((place, residual), &residual_at, &asked_at)?;
     let moved_m = (place - start.origin().vector()).norm();
-    Some(FoundStrobe { body_from_strobe: at(place), std_m: std.into(), residual: [first, residual], moved_m })
+    Some(FoundStrobe { lamps: at(place), std_m: std.into(), residual: [first, residual], moved_m })
 }

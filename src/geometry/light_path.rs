@@ -10,8 +10,8 @@
 //! In: a plane and the mounts, in body space [m]. Out: lengths [m], angles [rad]. Assumed: the floor is
 //! the plane, or the plane and its relief. Attenuation and beam pattern do not live here.
 
-use crate::spaces::{Body, Direction, Point, Strobe, Transform};
-use crate::vehicle::{Camera, Rig};
+use crate::spaces::{Body, Direction, Point};
+use crate::vehicle::{Camera, Lamps, MOST_LAMPS, Rig};
 
 use super::{Relief, SeafloorPlane};
 
@@ -24,7 +24,8 @@ pub struct StrobeAngles {
     pub phi_rad: f64,
 }
 
-/// The paper's ℓ_a, ℓ_s, (θ, φ) and cos γ.
+/// The paper's ℓ_a, ℓ_s, (θ, φ) and cos γ. Of several lamps: those of one that would light a white floor as much, with
+/// the angles of the first; each lamp's own are its [`legs`](Self::legs).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightPath {
     /// ℓ_a [m]
@@ -35,6 +36,25 @@ pub struct LightPath {
     pub angles: StrobeAngles,
     /// cosine of the angle between the light and the seafloor's normal
     pub cos_incidence: f64,
+    legs: [Leg; MOST_LAMPS],
+    count: usize,
+}
+
+/// The way from one of several lamps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leg {
+    /// ℓ_a [m]
+    pub length_m: f64,
+    /// where in its beam
+    pub angles: StrobeAngles,
+    /// see [`LightPath`]
+    pub cos_incidence: f64,
+    /// of all the lamps' light
+    pub share: f64,
+}
+
+impl Leg {
+    const NONE: Self = Self { length_m: 0.0, angles: StrobeAngles { theta_rad: 0.0, phi_rad: 0.0 }, cos_incidence: 0.0, share: 0.0 };
 }
 
 impl LightPath {
@@ -42,24 +62,55 @@ impl LightPath {
     pub fn length_m(&self) -> f64 {
         self.strobe_to_seafloor_m + self.seafloor_to_camera_m
     }
+
+    /// The ways from several lamps; empty where there is one.
+    pub fn legs(&self) -> &[Leg] {
+        &self.legs[..self.count]
+    }
+
+    /// The way by one of the legs alone.
+    pub fn by(&self, leg: &Leg) -> Self {
+        let Leg { length_m, angles, cos_incidence, .. } = *leg;
+        Self { strobe_to_seafloor_m: length_m, angles, cos_incidence, count: 0, ..*self }
+    }
+
+    /// Directions in the lamps' beams.
+    pub fn all_angles(&self) -> impl Iterator<Item = StrobeAngles> + '_ {
+        self.legs().iter().map(|l| l.angles).chain((self.count == 0).then_some(self.angles))
+    }
 }
 
 /// The light path to a seafloor point that the camera sees from `seafloor_to_camera_m` away.
 ///
 /// Everything that depends on where the strobe is, and nothing else, happens in this function: the search for
 /// an unmeasured strobe moves it. `None` where the light would come from below the floor.
-pub fn light_path(
-    hit: Point<Body>,
-    seafloor_to_camera_m: f64,
-    normal: Direction<Body>,
-    body_from_strobe: Transform<Body, Strobe>,
-) -> Option<LightPath> {
-    let from_strobe = hit.vector() - body_from_strobe.origin().vector();
-    let strobe_to_seafloor_m = from_strobe.norm();
-    let cos_incidence = normal.vector().dot(&from_strobe) / strobe_to_seafloor_m;
-    let s = body_from_strobe.isometry().rotation.inverse() * from_strobe;
-    let angles = StrobeAngles { theta_rad: s.y.atan2(s.z), phi_rad: s.x.atan2(s.z) };
-    (strobe_to_seafloor_m > 1e-6 && cos_incidence > 0.0).then_some(LightPath { strobe_to_seafloor_m, seafloor_to_camera_m, angles, cos_incidence })
+pub fn light_path(hit: Point<Body>, seafloor_to_camera_m: f64, normal: Direction<Body>, lamps: Lamps) -> Option<LightPath> {
+    let mut legs = [Leg::NONE; MOST_LAMPS];
+    let mut count = 0;
+    for (pose, share) in lamps.poses() {
+        let from_lamp = hit.vector() - pose.translation.vector;
+        let length_m = from_lamp.norm();
+        let cos_incidence = normal.vector().dot(&from_lamp) / length_m;
+        let s = pose.rotation.inverse() * from_lamp;
+        if length_m > 1e-6 && cos_incidence > 0.0 {
+            let angles = StrobeAngles { theta_rad: s.y.atan2(s.z), phi_rad: s.x.atan2(s.z) };
+            legs[count] = Leg { length_m, angles, cos_incidence, share };
+            count += 1;
+        }
+    }
+    // The one lamp that would send as much light to a white floor, from as far: Σ w, w = share cos γ / ℓ².
+    let weight = |l: &Leg| l.share * l.cos_incidence / (l.length_m * l.length_m);
+    let light: f64 = legs[..count].iter().map(weight).sum();
+    let far = legs[..count].iter().map(|l| weight(l) * l.length_m).sum::<f64>() / light;
+    let several = lamps.lamps().len() > 1;
+    (count > 0).then_some(LightPath {
+        strobe_to_seafloor_m: if several { far } else { legs[0].length_m },
+        seafloor_to_camera_m,
+        angles: legs[0].angles,
+        cos_incidence: if several { light * far * far } else { legs[0].cos_incidence },
+        legs,
+        count: if several { count } else { 0 },
+    })
 }
 
 /// One frame's geometry: which way each pixel looks and what plane it meets.
@@ -117,7 +168,7 @@ impl View<'_> {
     /// The way of light through a pixel.
     pub fn light_path(&self, u: f64, v: f64) -> Option<LightPath> {
         let Sighted { hit, seafloor_to_camera_m, normal } = self.seafloor_point(u, v)?;
-        light_path(hit, seafloor_to_camera_m, normal, self.rig.strobe.body_from_strobe)
+        light_path(hit, seafloor_to_camera_m, normal, self.rig.strobe.lamps)
     }
 
     /// Height of the camera over the plane [m].

@@ -4,6 +4,6 @@ mod light_path;
 mod relief;
 mod seafloor;
 
-pub use light_path::{LightPath, Sighted, StrobeAngles, View, light_path};
+pub use light_path::{Leg, LightPath, Sighted, StrobeAngles, View, light_path};
 pub use relief::Relief;
 pub use seafloor::{NoSeafloor, Pings, SeafloorPlane, Support};

@@ -18,7 +18,8 @@ use super::BeamPattern;
 use super::beam_pattern::filled;
 use crate::geometry::StrobeAngles;
 use crate::image::Bands;
-use crate::spaces::{Optical, Strobe, Transform};
+use crate::spaces::{Body, Optical, Transform};
+use crate::vehicle::Lamps;
 
 /// Rays per axis of the image plane, and distances along each.
 const RAYS: (usize, usize) = (25, 19);
@@ -117,9 +118,13 @@ impl Frustum {
 
 impl GlowTable {
     /// Integrates along every ray.
-    pub fn new(beam: &BeamPattern, optical_from_strobe: Transform<Optical, Strobe>, attenuation_per_m: &Bands, frustum: Frustum) -> Self {
+    pub fn new(beam: &BeamPattern, body_from_optical: Transform<Body, Optical>, lamps: &Lamps, attenuation_per_m: &Bands, frustum: Frustum) -> Self {
         let intensity = Intensity::new(beam);
-        let (strobe, strobe_from_optical) = (optical_from_strobe.origin().vector(), optical_from_strobe.isometry().rotation.inverse());
+        let of_lamp = |(pose, share): (nalgebra::Isometry3<f64>, f64)| {
+            let optical_from_lamp = body_from_optical.inverse().isometry() * pose;
+            (optical_from_lamp.translation.vector, optical_from_lamp.rotation.inverse(), share)
+        };
+        let lamps: Vec<_> = lamps.poses().map(of_lamp).collect();
         let mut values = Vec::with_capacity(RAYS.0 * RAYS.1 * DISTANCES);
         for row in 0..RAYS.1 {
             for column in 0..RAYS.0 {
@@ -132,16 +137,18 @@ impl GlowTable {
                     let step = (to - from) / STEPS as f64;
                     for i in 0..STEPS {
                         let s = from + (i as f64 + 0.5) * step;
-                        let from_strobe = ray * s - strobe;
-                        let l = from_strobe.norm();
-                        let (intensity, is_seen) = intensity.towards(&(strobe_from_optical * from_strobe));
-                        let lit = intensity / l.max(LEAST_DISTANCE_M).powi(2) * step;
-                        // Light comes along from_strobe and leaves against the ray.
-                        let excess = sideways(-from_strobe.dot(&ray) / l.max(1e-9));
-                        for (b, a) in attenuation_per_m.iter().enumerate() {
-                            let arriving = lit * (-a * (l + s)).exp();
-                            sums[usize::from(!is_seen)][b] += arriving;
-                            sums[2][b] += if is_seen { arriving * excess } else { 0.0 };
+                        for (lamp, lamp_from_optical, share) in &lamps {
+                            let from_lamp = ray * s - lamp;
+                            let (intensity, is_seen) = intensity.towards(&(lamp_from_optical * from_lamp));
+                            let l = from_lamp.norm();
+                            let lit = share * intensity / l.max(LEAST_DISTANCE_M).powi(2) * step;
+                            // Light comes along from_lamp and leaves against the ray.
+                            let excess = sideways(-from_lamp.dot(&ray) / l.max(1e-9));
+                            for (b, a) in attenuation_per_m.iter().enumerate() {
+                                let arriving = lit * (-a * (l + s)).exp();
+                                sums[usize::from(!is_seen)][b] += arriving;
+                                sums[2][b] += if is_seen { arriving * excess } else { 0.0 };
+                            }
                         }
                     }
                     values.push(sums.map(|sum| sum.map(|v| v as f32)));
@@ -261,14 +268,20 @@ mod tests {
     fn the_table_holds_the_integral() {
         let beam = BeamPattern::uniform(Nodes::new(41, 70.0));
         let frustum = Frustum { x: (-0.5, 0.5), y: (-0.4, 0.4), farthest_m: 5.0 };
-        let table = GlowTable::new(&beam, Transform::from_parts([0.0; 3], [0.0, 0.0, 0.0, 1.0]), &[0.0; 3], frustum);
+        let table = GlowTable::new(&beam, Transform::identity(), &Lamps::one(Transform::identity()), &[0.0; 3], frustum);
         let ought = |s: f64| 1.0 / LEAST_DISTANCE_M + (1.0 / LEAST_DISTANCE_M - 1.0 / s);
         for s in [0.5, 1.7, 4.3] {
             let is = table.at(0.13, -0.21, s).of_band(0, &[1.0, 0.0]);
             assert!((is / ought(s) - 1.0).abs() < 0.02, "{is} instead of {} at {s} m", ought(s));
         }
         // A lamp beside the camera lights the near water less, and the far part of the ray as much.
-        let beside = GlowTable::new(&beam, Transform::from_parts([0.8, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]), &[0.1, 0.1, 0.1], frustum);
+        let beside = GlowTable::new(
+            &beam,
+            Transform::identity(),
+            &Lamps::one(Transform::from_parts([0.8, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])),
+            &[0.1, 0.1, 0.1],
+            frustum,
+        );
         let (s, l) = (3.05f64, (3.05f64.powi(2) + 0.64).sqrt());
         let slope = (beside.at(0.0, 0.0, 3.1).of_band(1, &[1.0, 0.0]) - beside.at(0.0, 0.0, 3.0).of_band(1, &[1.0, 0.0])) / 0.1;
         assert!((slope / ((-0.1 * (s + l)).exp() / (l * l)) - 1.0).abs() < 0.03, "{slope}");

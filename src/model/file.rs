@@ -63,6 +63,20 @@ pub struct StrobeFile {
     pub position_std_m: Option<[f64; 3]>,
     /// from where the search began to where it ended [m]
     pub moved_m: Option<f64>,
+    /// the lamps, where there are several; the pose above is then the first's
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lamps: Vec<LampFile>,
+}
+
+/// One of several lamps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LampFile {
+    /// place from the first, along its axes [m]
+    pub offset_m: [f64; 3],
+    /// turn against the first, as a quaternion x, y, z, w
+    pub rotation_xyzw: [f64; 4],
+    /// share of the light
+    pub share: f64,
 }
 
 /// How corrected light becomes codes.

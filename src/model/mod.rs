@@ -22,7 +22,8 @@ pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
 pub use beam_pattern::{BeamPattern, Nodes};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use file::{
-    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
+    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile,
+    StrobeFile,
 };
 pub use light_setting::{LightLaw, LightSettingFile};
 
@@ -93,8 +94,18 @@ impl ImagingModel {
 
     /// Logarithm of the light that a white seafloor would send back in one band.                Eq. 15
     pub fn log_light(&self, path: &LightPath, band: usize) -> f64 {
-        self.beam_pattern.log_gain(path.angles) + self.log_water(path, band) + self.log_geometry(path)
+        let by = |p: &LightPath| self.beam_pattern.log_gain(p.angles) + self.log_water(p, band) + self.log_geometry(p);
+        match path.legs() {
+            [] => by(path),
+            legs => log_sum(legs.iter().map(|leg| leg.share.ln() + by(&path.by(leg)))),
+        }
     }
+}
+
+/// Logarithm of a sum, of logarithms.
+pub fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = logs.clone().fold(f64::NEG_INFINITY, f64::max);
+    most + logs.map(|l| (l - most).exp()).sum::<f64>().ln()
 }
 
 /// Logarithm of spreading and incidence.

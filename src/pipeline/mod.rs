@@ -21,13 +21,13 @@ use crate::geometry::LightPath;
 use crate::image::{Bands, Container};
 use crate::messages::writer::OutputWire;
 use crate::model::{
-    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, Frustum, GlowTable, ImagingModel, InputFile, LightSettingFile, ModelFile, RenderingFile,
-    SpreadingModel, StrobeFile,
+    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, Frustum, GlowTable, ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile,
+    RenderingFile, SpreadingModel, StrobeFile,
 };
 use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::spaces::{Body, Optical, Strobe, Transform};
-use crate::vehicle::{CameraFacts, MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
+use crate::vehicle::{CameraFacts, Lamp, Lamps, MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
 
 use mount_words::mount_check;
 use ordered_map::Threads;
@@ -224,7 +224,7 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
             quick.config.estimate.estimator = Estimator::Altitude;
             let collected = pass_one(&prepared, &quick, threads, progress)?;
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
-            let mount = strobe_of(&file, &prepared.survey.rig).body_from_strobe;
+            let mount = strobe_of(&file, &prepared.survey.rig).lamps;
             file.rendering = shown(&collected.frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
             (file, collected.average)
         }
@@ -298,8 +298,7 @@ fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<GlowTab
     let (w, h) = ((rig.camera.width - 1) as f64, (rig.camera.height - 1) as f64);
     let edge = (0..=16).map(|k| f64::from(k) / 16.0).flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
     let rays = edge.filter_map(|(u, v)| rig.camera.image_plane(u, v)).map(|(x, y)| (x, y, GLOW_REACHES_M));
-    let optical_from_strobe = rig.body_from_optical.inverse() * rig.strobe.body_from_strobe;
-    Some(GlowTable::new(&model.beam_pattern, optical_from_strobe, &backscatter.attenuation_per_m, Frustum::around(rays)))
+    Some(GlowTable::new(&model.beam_pattern, rig.body_from_optical, &rig.strobe.lamps, &backscatter.attenuation_per_m, Frustum::around(rays)))
 }
 
 /// Beyond this the strobe's light adds nothing to what the water has scattered back [m].
@@ -341,9 +340,9 @@ fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<Mode
     let config = &options.config;
     let tracks = tracks(&frames, &pairs);
     let rig = &first.survey.rig;
-    let given = (rig.strobe.body_from_strobe, rig.strobe.source.is_some());
+    let given = (rig.strobe.lamps, rig.strobe.source.is_some());
     let found = understand(frames, tracks, rig.body_from_optical, given, &settings, rig.body_from_dvl.origin().vector(), &config.estimate)?;
-    let mount = found.strobe.body_from_strobe;
+    let mount = found.strobe.lamps;
     let rendering = shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
     let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
     let frame_gains: Vec<FrameGainFile> = uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
@@ -381,7 +380,7 @@ fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
 }
 
 /// Exposure and white balance, from the samples' corrected light.
-fn shown(frames: &[FrameSamples], model: &ImagingModel, mount: Transform<Body, Strobe>, white_level: Option<u16>, config: &Config) -> RenderingFile {
+fn shown(frames: &[FrameSamples], model: &ImagingModel, mount: Lamps, white_level: Option<u16>, config: &Config) -> RenderingFile {
     let lit = frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(mount)?))));
     let lit: Vec<([f32; 3], LightPath)> = lit.collect();
     rendering(&lit, model, white_level, &config.render)
@@ -392,15 +391,21 @@ fn strobe_of(file: &ModelFile, rig: &Rig) -> StrobeMount {
     match &file.strobe {
         Some(s) => {
             let optical_from_strobe: Transform<Optical, Strobe> = Transform::from_parts(s.position_in_optical_m, s.rotation_xyzw);
-            StrobeMount { body_from_strobe: rig.body_from_optical * optical_from_strobe, source: Some(s.source.clone()) }
+            let first: Transform<Body, Strobe> = rig.body_from_optical * optical_from_strobe;
+            let of_lamp = |l: &LampFile| (first * Transform::from_parts(l.offset_m, l.rotation_xyzw), l.share);
+            let lamps = Lamps::several(&s.lamps.iter().map(of_lamp).collect::<Vec<_>>()).unwrap_or_else(|| Lamps::one(first));
+            StrobeMount { lamps, source: Some(s.source.clone()) }
         }
         None => rig.strobe.clone(),
     }
 }
 
 fn strobe_file(placed: &PlacedStrobe, rig: &Rig) -> StrobeFile {
-    let facts = MountFacts::of((rig.body_from_optical.inverse() * placed.body_from_strobe).isometry());
+    let facts = MountFacts::of((rig.body_from_optical.inverse() * placed.lamps.body_from_strobe()).isometry());
+    let lamp = |l: &Lamp| LampFile { offset_m: l.offset.into(), rotation_xyzw: l.turn.coords.into(), share: l.share };
+    let lamps = if placed.lamps.lamps().len() > 1 { placed.lamps.lamps().iter().map(lamp).collect() } else { Vec::new() };
     StrobeFile {
+        lamps,
         position_in_optical_m: facts.translation_m,
         rotation_xyzw: facts.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0]),
         source: placed.source.map(String::from).or_else(|| rig.strobe.source.clone()).unwrap_or_else(|| "camera".into()),

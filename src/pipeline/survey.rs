@@ -3,6 +3,7 @@
 
 mod checks;
 mod choose;
+mod lights;
 mod mounts;
 
 use std::collections::BTreeMap;
@@ -17,12 +18,13 @@ use crate::image::flat_field::FlatField;
 use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
-use crate::spaces::{Body, Optical, Strobe, Transform};
+use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
-use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, MountFacts, Rig, RigFile, SettingSeries, StrobeMount};
+use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, MountFacts, Rig, RigFile, SettingSeries};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
 use choose::{choose_camera, choose_ranges};
+use lights::strobe_mount;
 use mounts::Mounts;
 
 /// What the user said about the log, beyond choices and rig.
@@ -68,8 +70,6 @@ pub struct Survey {
     pub warnings: Vec<String>,
 }
 
-/// Words in a TF frame's name that say it is a light.
-const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen"];
 /// A channel whose clock is this far from the camera's is not on the same clock [s].
 const CLOCK_TOLERANCE_S: f64 = 2.0;
 
@@ -157,7 +157,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
             })?)
         }
     };
-    let strobe = strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut warnings)?;
+    let strobe = strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut remarks)?;
     let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, (clock, rig_file), config, &mut remarks);
 
     let mut pings = Vec::new();
@@ -315,39 +315,6 @@ fn dvl_mount(mounts: &Mounts<'_>, body_frame: &str, dvl_frame: &str, dvl_topic: 
     mounts.pose_below(body_frame, stand_in)
 }
 
-fn strobe_mount(
-    mounts: &Mounts<'_>,
-    body_frame: &str,
-    selection: &Selection,
-    rig_file: &RigFile,
-    body_from_optical: Transform<Body, Optical>,
-    warnings: &mut Vec<String>,
-) -> Result<StrobeMount> {
-    if let Some(mount) = &rig_file.strobe.mount {
-        return Ok(StrobeMount { body_from_strobe: mount.transform().map_err(Error::Rig)?, source: Some("rig file".into()) });
-    }
-    let in_tf = |frame: &str| -> Option<Transform<Body, Strobe>> { mounts.pose_below(body_frame, frame).map(Transform::from_isometry) };
-    if let Some(frame) = &selection.strobe_frame {
-        let found = in_tf(frame).ok_or_else(|| Error::Usage(format!("--strobe-frame {frame}: the TF tree has {}", mounts.frames().join(", "))))?;
-        return Ok(StrobeMount { body_from_strobe: found, source: Some(frame.clone()) });
-    }
-    let is_light = |name: &str| {
-        let name = name.to_ascii_lowercase();
-        LIGHT_WORDS.iter().any(|w| name.split(|c: char| !c.is_ascii_alphabetic()).any(|part| part == *w || (w.len() > 4 && part.contains(w))))
-    };
-    let lights: Vec<&str> = mounts.frames().into_iter().filter(|f| is_light(f) && in_tf(f).is_some()).collect();
-    // `strobe_link` with `strobe_optical_frame` below it is one light, not two.
-    let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
-    match (if optical.is_empty() { &lights } else { &optical }).as_slice() {
-        [] => Ok(StrobeMount { body_from_strobe: Transform::from_isometry(body_from_optical.isometry()), source: None }),
-        [one] => Ok(StrobeMount { body_from_strobe: in_tf(one).unwrap_or_else(Transform::identity), source: Some((*one).into()) }),
-        several => {
-            warnings.push(format!("several lights in the TF tree ({}): the first is used; name one with --strobe-frame", several.join(", ")));
-            Ok(StrobeMount { body_from_strobe: in_tf(several[0]).unwrap_or_else(Transform::identity), source: Some(several[0].into()) })
-        }
-    }
-}
-
 fn on_camera_clock(offset: Option<f64>, camera: Option<f64>) -> bool {
     match (offset, camera) {
         (Some(a), Some(b)) => (a - b).abs() < CLOCK_TOLERANCE_S,
@@ -421,6 +388,6 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
-    file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.body_from_strobe.isometry()));
+    file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.lamps.isometry()));
     file
 }

@@ -5,12 +5,14 @@
 
 mod attitude;
 mod camera;
+mod lamps;
 mod light_setting;
 mod ping;
 mod rig;
 
 pub use attitude::AttitudeTrack;
 pub use camera::{Calibration, Camera, Distortion, LensModel};
+pub use lamps::{Lamp, Lamps, MOST_LAMPS};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
-pub use rig::{CameraFacts, DvlFacts, Medium, MountFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};
+pub use rig::{CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Camera, RangeKind};
+use super::{Camera, Lamps, RangeKind};
 use crate::spaces::{Body, Dvl, Optical, Point, Strobe, Transform};
 
 /// Everything geometry needs to know of the vehicle.
@@ -27,8 +27,8 @@ pub struct Rig {
 /// Where the light sits and how that is known.
 #[derive(Clone, Debug)]
 pub struct StrobeMount {
-    /// its pose
-    pub body_from_strobe: Transform<Body, Strobe>,
+    /// its pose, or those of several
+    pub lamps: Lamps,
     /// the TF frame or file it was taken from; `None` where it was put at the camera for want of better
     pub source: Option<String>,
 }
@@ -36,7 +36,7 @@ pub struct StrobeMount {
 impl StrobeMount {
     /// The light's place in the body [m].
     pub fn position(&self) -> Point<Body> {
-        self.body_from_strobe.origin()
+        self.lamps.origin()
     }
 }
 
@@ -192,6 +192,46 @@ pub struct DvlFacts {
 pub struct StrobeFacts {
     /// where the light sits
     pub mount: Option<MountFacts>,
+    /// several lamps of one beam pattern, instead of `mount`
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lamps: Option<Vec<LampFacts>>,
+}
+
+/// One of several lamps in a rig file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LampFacts {
+    /// place in the body [m]
+    pub translation_m: [f64; 3],
+    /// where it looks, as a quaternion x, y, z, w; as the camera does where neither this nor the next is given
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation_xyzw: Option<[f64; 4]>,
+    /// the same as angles about x, y, z [deg]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub roll_pitch_yaw_deg: Option<[f64; 3]>,
+    /// light of it over that of the others
+    #[serde(default = "one")]
+    pub strength: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+impl LampFacts {
+    /// Its pose.
+    ///
+    /// # Errors
+    /// Two turns are given.
+    pub fn mount(&self, body_from_optical: Transform<Body, Optical>) -> Result<Transform<Body, Strobe>, String> {
+        let Self { translation_m, rotation_xyzw, roll_pitch_yaw_deg, .. } = self.clone();
+        if rotation_xyzw.is_none() && roll_pitch_yaw_deg.is_none() {
+            let mut pose = body_from_optical.isometry();
+            pose.translation.vector = translation_m.into();
+            return Ok(Transform::from_isometry(pose));
+        }
+        MountFacts { translation_m, rotation_xyzw, roll_pitch_yaw_deg }.transform()
+    }
 }
 
 /// A rig file (TOML). Everything in it wins over the log.

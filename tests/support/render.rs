@@ -37,6 +37,7 @@ type Bands = V3; // R G B
 // The rig: metres in base. The strobe looks ahead of straight down, and a little to starboard.
 const CAMERA_IN_BASE: [f64; 3] = [0.34, -0.10, -0.12];
 const STROBE_IN_BASE: [f64; 3] = [-0.53, 0.09, -0.07];
+const SECOND_STROBE_IN_BASE: [f64; 3] = [0.75, -0.32, -0.09];
 const STROBE_TURN_DEG: (f64, f64) = (18.0, 4.0);
 const DVL_IN_BASE: [f64; 3] = [-0.08, 0.15, -0.16];
 // The motion: speed, period of the altitude, seconds and metres of the turn.
@@ -96,6 +97,7 @@ pub struct Dive {
     pub return_leg: bool,            // turn at mid-dive and come back 0.6 m beside
     pub vignetting: bool,            // the lens takes cos^4 of the angle off its axis
     pub sensor: Sensor, pub dvl: DvlType,
+    pub second_strobe: bool,         // one more like the first, to starboard ahead
     pub with_imu: bool, pub with_strobe_mount: bool,
     pub noise: bool,                 // shot and read noise in the images, and noise of the IMU's attitude
 }
@@ -107,7 +109,7 @@ impl Default for Dive {
             attenuation_per_m: [0.45, 0.14, 0.10], attenuation_drift: 0.0, altitude_m: (1.5, 3.0),
             slope_deg: (2.0, 1.0), relief_m: 0.0, tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
             backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, vignetting: false, sensor: Sensor::Bayer16,
-            dvl: DvlType::MarineAcoustic, with_imu: true, with_strobe_mount: true, noise: true,
+            dvl: DvlType::MarineAcoustic, second_strobe: false, with_imu: true, with_strobe_mount: true, noise: true,
         }
     }
 }
@@ -244,7 +246,7 @@ struct View {
     world_from_optical: Matrix3<f64>,
     plane: (V3, f64), // normal . X = distance
     slope: (f64, f64), relief_m: f64,
-    strobe: V3,
+    strobes: Vec<V3>,
     strobe_from_optical: Matrix3<f64>,
     attenuation: Bands,
 }
@@ -260,7 +262,7 @@ impl View {
             world_from_optical: (pose.1 * optical).to_rotation_matrix().into_inner(),
             plane: (-((pose.1 * optical).inverse() * dive.floor_normal()), dive.floor_normal().dot(&camera_in_world)),
             slope: (dive.slope_deg.0.to_radians().tan(), dive.slope_deg.1.to_radians().tan()), relief_m: dive.relief_m,
-            strobe: optical.inverse() * (V3::from(STROBE_IN_BASE) - camera),
+            strobes: [STROBE_IN_BASE, SECOND_STROBE_IN_BASE][..1 + usize::from(dive.second_strobe)].iter().map(|at| optical.inverse() * (V3::from(*at) - camera)).collect(),
             strobe_from_optical: (base_from_strobe().inverse() * optical).to_rotation_matrix().into_inner(),
             attenuation: Bands::from(dive.attenuation_per_m) * (1.0 + dive.attenuation_drift * (age - 0.5)),
         }
@@ -285,21 +287,26 @@ impl View {
     fn world_xy(&self, at: &V3) -> [f64; 2] { (self.camera_in_world + self.world_from_optical * at).xy().into() }
     /// The direct light off a white floor at `point`.
     fn direct(&self, point: &V3, exponent: f64) -> Bands {
-        let from_strobe = point - self.strobe;
-        let (la, ls) = (from_strobe.norm(), point.norm());
-        let cos_gamma = (self.normal(point).dot(&from_strobe) / la).max(0.0);
-        let lit = intensity(&(self.strobe_from_optical * from_strobe)) * cos_gamma / la.powf(exponent);
-        self.attenuation.map(|alpha| lit * (-alpha * (la + ls)).exp())
+        let of_strobe = |strobe: &V3| {
+            let from_strobe = point - strobe;
+            let (la, ls) = (from_strobe.norm(), point.norm());
+            let cos_gamma = (self.normal(point).dot(&from_strobe) / la).max(0.0);
+            let lit = intensity(&(self.strobe_from_optical * from_strobe)) * cos_gamma / la.powf(exponent);
+            self.attenuation.map(|alpha| lit * (-alpha * (la + ls)).exp())
+        };
+        self.strobes.iter().map(of_strobe).sum()
     }
     /// Single scattering on the way to `point`, for b = 1 (midpoint rule).
     fn scattered(&self, point: &V3) -> Bands {
         let mut sum = Bands::zeros();
         for i in 0..SCATTER_POINTS {
             let at = point * ((i as f64 + 0.5) / SCATTER_POINTS as f64);
-            let from_strobe = at - self.strobe;
-            let lit = intensity(&(self.strobe_from_optical * from_strobe)) / from_strobe.norm_squared();
-            let path = BACKSCATTER_ATTENUATION_RATIO * (from_strobe.norm() + at.norm());
-            sum += self.attenuation.map(|alpha| lit * (-alpha * path).exp());
+            for strobe in &self.strobes {
+                let from_strobe = at - strobe;
+                let lit = intensity(&(self.strobe_from_optical * from_strobe)) / from_strobe.norm_squared();
+                let path = BACKSCATTER_ATTENUATION_RATIO * (from_strobe.norm() + at.norm());
+                sum += self.attenuation.map(|alpha| lit * (-alpha * path).exp());
+            }
         }
         sum * point.norm() / SCATTER_POINTS as f64
     }
@@ -647,6 +654,7 @@ impl Dive {
         let camera = ("camera_optical_frame", CAMERA_IN_BASE, base_from_camera());
         let mut mounts = vec![camera, ("dvl_link", DVL_IN_BASE, base_from_dvl())];
         if self.with_strobe_mount { mounts.push(("strobe_optical_frame", STROBE_IN_BASE, base_from_strobe())); }
+        if self.with_strobe_mount && self.second_strobe { mounts.push(("second_strobe_optical_frame", SECOND_STROBE_IN_BASE, base_from_strobe())); }
         let mut cdr = Cdr::new();
         cdr.u32(mounts.len() as u32);
         for (child, at, turn) in mounts {

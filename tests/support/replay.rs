@@ -24,7 +24,7 @@ fn plane(ping: Ping) -> Option<(f64, f64)> {
         camera: Camera::from_field_of_view(640, 480, 60.0),
         body_from_optical: Transform::identity(),
         body_from_dvl: Transform::identity(),
-        strobe: StrobeMount { body_from_strobe: Transform::identity(), source: None },
+        strobe: StrobeMount { lamps: unwater::vehicle::Lamps::one(Transform::identity()), source: None },
     };
     let stamp = ping.stamp;
     let config = Config { seafloor: SeafloorConfig { least_altitude_m: 0.0, ..SeafloorConfig::default() }, ..Config::default() };

@@ -3,9 +3,10 @@
 
 use super::{Row, Setting};
 use crate::model::{Backscatter, SHAPES};
+use crate::vehicle::MOST_LAMPS;
 
-/// The most entries that a row has: beam 4, α 2, exponent 1, glow 3, places 6.
-const MOST: usize = 16;
+/// The most entries that a row has: beam 4 per lamp, α 2, exponent 1, glow 3, places 6.
+const MOST: usize = 12 + 4 * MOST_LAMPS;
 
 /// The non-zero entries of a row's design for one band.
 pub struct Entries {
@@ -102,7 +103,7 @@ impl Columns {
     /// The design of a row for one band.
     pub fn entries(&self, setting: &Setting<'_>, back: &Backscatter, row: &Row, band: usize) -> Entries {
         let mut entries = Entries { list: [(0, 0.0); MOST], count: 0 };
-        for (node, weight) in row.nodes {
+        for &(node, weight) in &row.nodes[..row.nodes_used] {
             if let Some(unknown) = self.beam_node(node) {
                 entries.put(unknown, weight);
             }

@@ -27,7 +27,7 @@ use crate::config::EstimateConfig;
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{Backscatter, BeamPattern, Glow, Nodes, SpreadingModel, log_geometry};
-use crate::spaces::{Body, Strobe, Transform};
+use crate::vehicle::{Lamps, MOST_LAMPS};
 use columns::Columns;
 use places::{MOST_PLACES, Place};
 
@@ -107,16 +107,21 @@ pub struct JointAnswer {
 }
 
 /// The light path of an observation for a strobe's mount.
-pub type PathFor<'f> = dyn Fn(&Observation, Transform<Body, Strobe>) -> Option<LightPath> + 'f;
+pub type PathFor<'f> = dyn Fn(&Observation, Lamps) -> Option<LightPath> + 'f;
 
 /// One view of a track, as numbers of the linear problem.
 struct Row {
     frame: u32,
-    nodes: [(usize, f64); 4],
+    nodes: [(usize, f64); 4 * MOST_LAMPS],
+    /// how many of these there are
+    nodes_used: usize,
     length_m: f64,
     log_strobe_leg: f64,
-    /// spreading and cos γ
-    geometry: f64,
+    /// spreading and cos γ; of several lamps also what is left of their sum beyond the mean of their logs, per band
+    geometry: [f64; 3],
+    /// the ways from several lamps: node weights, geometry and log of the share, ℓ_a [m]; empty where there is one
+    legs: Vec<LegRow>,
+    seafloor_to_camera_m: f64,
     /// log c freed of geometry and of what was scattered back, by the solution before
     y: [f64; 3],
     /// log c
@@ -133,6 +138,14 @@ struct Row {
     source: usize,
     /// derivatives of the model by places, per band
     by_place: [[f64; MOST_PLACES]; 3],
+}
+
+/// One lamp's part of a view.
+#[derive(Clone, Copy)]
+struct LegRow {
+    nodes: [(usize, f64); 4],
+    log_geometry: f64,
+    length_m: f64,
 }
 
 /// One view with its way of light, and which of all observations it is.
@@ -172,7 +185,7 @@ pub struct Said {
 }
 
 /// Solves for all tracks; `None` where too little is seen.
-pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Transform<Body, Strobe>, paths: &PathFor<'_>) -> Option<JointAnswer> {
+pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Lamps, paths: &PathFor<'_>) -> Option<JointAnswer> {
     let mut problem = Problem::new(tracks, setting, mount, paths)?;
     let mut solution = problem.solve(setting.rounds)?;
     if setting.free_strobe {
@@ -182,12 +195,12 @@ pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Transform<Body, Str
 }
 
 /// The strobe's place as three unknowns [m], in body space.
-pub fn strobe_places<'f>(mount: Transform<Body, Strobe>, paths: &'f PathFor<'f>) -> [Place<'f>; 3] {
+pub fn strobe_places<'f>(mount: Lamps, paths: &'f PathFor<'f>) -> [Place<'f>; 3] {
     std::array::from_fn(|axis| {
         let moved = move |by: f64| {
-            let mut isometry = mount.isometry();
-            isometry.translation.vector[axis] += by;
-            Transform::from_isometry(isometry)
+            let mut place = mount.origin().vector();
+            place[axis] += by;
+            mount.moved_to(place)
         };
         Place { step: 0.01, path: Box::new(move |o, by| paths(o, moved(by))) }
     })
@@ -195,16 +208,16 @@ pub fn strobe_places<'f>(mount: Transform<Body, Strobe>, paths: &'f PathFor<'f>)
 
 impl<'s> Problem<'s> {
     /// Sets the problem up for a strobe's mount; `None` where too little is seen.
-    pub fn new(tracks: &[Track], setting: &Setting<'s>, mount: Transform<Body, Strobe>, paths: &PathFor<'_>) -> Option<Self> {
+    pub fn new(tracks: &[Track], setting: &Setting<'s>, mount: Lamps, paths: &PathFor<'_>) -> Option<Self> {
         let Setting { bands, nodes, .. } = *setting;
         let mut seen = vec![0.0; nodes.count * nodes.count];
         let mut views: Vec<Vec<Lit<'_>>> = Vec::with_capacity(tracks.len());
         let mut source = 0;
         for track in tracks {
-            let lit = |(i, o)| Some((source + i, o, paths(o, mount).filter(|p| nodes.holds(p.angles))?));
+            let lit = |(i, o)| Some((source + i, o, paths(o, mount).filter(|p| p.all_angles().all(|a| nodes.holds(a)))?));
             let of_track: Vec<Lit<'_>> = track.iter().enumerate().filter_map(lit).collect();
             source += track.len();
-            of_track.iter().flat_map(|(_, _, p)| nodes.weights(p.angles)).for_each(|(n, w)| seen[n] += w);
+            of_track.iter().flat_map(|(_, _, p)| p.all_angles().flat_map(|a| nodes.weights(a))).for_each(|(n, w)| seen[n] += w);
             views.push(of_track);
         }
         // Only nodes that are seen are unknowns; views at others are left out.
@@ -311,16 +324,11 @@ impl<'s> Problem<'s> {
     }
 
     /// Log reflectance by one observation's own light, and its share of direct light: what a solution says of any view.
-    pub fn reflectance_by(
-        &self,
-        solution: &Solution,
-        o: &Observation,
-        mount: Transform<Body, Strobe>,
-        paths: &PathFor<'_>,
-    ) -> Option<(Bands, Bands)> {
-        let path = paths(o, mount).filter(|p| self.setting.nodes.holds(p.angles))?;
+    pub fn reflectance_by(&self, solution: &Solution, o: &Observation, mount: Lamps, paths: &PathFor<'_>) -> Option<(Bands, Bands)> {
+        let path = paths(o, mount).filter(|p| p.all_angles().all(|a| self.setting.nodes.holds(a)))?;
         let setting = Setting { glow: self.setting.glow.map(|(_, glow)| (&self.back, glow)), ..self.setting };
-        let row = row(&setting, &self.columns, o, &path, 0)?;
+        let mut row = row(&setting, &self.columns, o, &path, 0)?;
+        self.add_up(&mut row, &solution.values);
         let of_band = |b| if b < self.setting.bands { row.y[b] - self.modelled(&row, b, &solution.values) } else { 0.0 };
         Some((std::array::from_fn(of_band), row.direct_share))
     }
@@ -328,11 +336,22 @@ impl<'s> Problem<'s> {
 
 /// An observation as numbers; `None` where it lies on a node that is not solved for.
 fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPath, source: usize) -> Option<Row> {
-    let nodes = setting.nodes.weights(path.angles);
-    if nodes.iter().any(|(n, w)| columns.beam_node(*n).is_none() && *w > 1e-9) {
+    let is_known = |(n, w): &(usize, f64)| columns.beam_node(*n).is_some() || *w <= 1e-9;
+    let mut nodes = [(0, 0.0); 4 * MOST_LAMPS];
+    let of_leg = |p: &LightPath, share: f64| LegRow {
+        nodes: setting.nodes.weights(p.angles),
+        log_geometry: share.ln() + log_geometry(setting.spreading_held(), setting.config.incidence, p),
+        length_m: p.strobe_to_seafloor_m,
+    };
+    let legs: Vec<LegRow> = path.legs().iter().map(|leg| of_leg(&path.by(leg), leg.share)).collect();
+    let first = of_leg(path, 1.0);
+    let nodes_used = if legs.is_empty() { 4 } else { 4 * legs.len() };
+    let all = legs.iter().chain(legs.is_empty().then_some(&first)).flat_map(|l| l.nodes);
+    nodes.iter_mut().zip(all).for_each(|(n, of_leg)| *n = of_leg);
+    if !nodes[..nodes_used].iter().all(is_known) {
         return None;
     }
-    let geometry = log_geometry(setting.spreading_held(), setting.config.incidence, path);
+    let geometry = first.log_geometry;
     let log_color = o.sight.log_color;
     let (glow, back) = setting.glow.map_or((Glow::default(), Backscatter::NONE), |(back, glow)| (glow(o), *back));
     let (mut y, mut direct_share, mut per_direct, light) = ([0.0; 3], [1.0; 3], [0.0; 3], back.light(&glow));
@@ -344,9 +363,12 @@ fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPa
     Some(Row {
         frame: o.frame,
         nodes,
+        nodes_used,
+        legs,
+        seafloor_to_camera_m: path.seafloor_to_camera_m,
         length_m: path.length_m(),
         log_strobe_leg: path.strobe_to_seafloor_m.ln(),
-        geometry,
+        geometry: [geometry; 3],
         y,
         log_color,
         class: [0; 3],

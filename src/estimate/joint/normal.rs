@@ -5,8 +5,8 @@ use std::ops::Range;
 use nalgebra::{DMatrix, DVector};
 
 use super::super::robust;
-use super::{LEAST_DIRECT_SHARE, NOISE_CLASSES, Problem, Row, Solution};
-use crate::model::SHAPES;
+use super::{LEAST_DIRECT_SHARE, LegRow, NOISE_CLASSES, Problem, Row, Solution};
+use crate::model::{SHAPES, log_sum};
 
 /// A held unknown is this much stiffer than the rows make it.
 const HOLDING: f64 = 1e6;
@@ -23,6 +23,7 @@ impl Problem<'_> {
     pub fn solve(&mut self, rounds: usize) -> Option<Solution> {
         let smooth = self.smoothness();
         let mut solution = None;
+        self.add_up_all(&DVector::zeros(self.columns.count()));
         for _ in 0..rounds.max(1) {
             let (normal, right) = self.normal_equations(&smooth);
             let values = normal.cholesky()?.solve(&right);
@@ -30,9 +31,59 @@ impl Problem<'_> {
             let (weights, residual) = reweighted(&self.rows, &misfits, self.setting.bands);
             self.weights = weights;
             let values = self.begin_anew(values);
+            self.add_up_all(&values);
             solution = Some(Solution { values, residual });
         }
         solution
+    }
+
+    /// The light of several lamps adds up: its logarithm is made linear about a solution, in all rows.
+    fn add_up_all(&mut self, values: &DVector<f64>) {
+        if self.rows.iter().all(|r| r.legs.is_empty()) {
+            return;
+        }
+        let mut rows = std::mem::take(&mut self.rows);
+        rows.iter_mut().for_each(|row| self.add_up(row, values));
+        self.rows = rows;
+    }
+
+    /// log Σ_k e^{u_k} ≈ Σ_k s_k u_k + what is left over, u_k = B_k − α ℓ_k + geometry of lamp k, s_k its share of the light.
+    pub(super) fn add_up(&self, row: &mut Row, values: &DVector<f64>) {
+        if row.legs.is_empty() {
+            return;
+        }
+        let bands = self.setting.bands;
+        let beam = |leg: &LegRow| leg.nodes.iter().filter_map(|(n, w)| Some(w * values[self.columns.beam_node(*n)?])).sum::<f64>();
+        let alpha: [f64; 3] = std::array::from_fn(|b| if b < bands { self.attenuation_of(row.frame, b, values) } else { 0.0 });
+        // Without geometry, which is no unknown.
+        let said: Vec<[f64; 3]> = row.legs.iter().map(|l| std::array::from_fn(|b| beam(l) - alpha[b] * l.length_m)).collect();
+        let sums: [f64; 3] = std::array::from_fn(|b| log_sum(row.legs.iter().zip(&said).map(move |(l, s)| l.log_geometry + s[b])));
+        // One share for all bands: the offset makes each band exact at the solution.
+        let share = |k: usize| (0..bands).map(|b| (row.legs[k].log_geometry + said[k][b] - sums[b]).exp()).sum::<f64>() / bands as f64;
+        let shares: Vec<f64> = (0..row.legs.len()).map(share).collect();
+        let before = row.geometry;
+        row.length_m = row.seafloor_to_camera_m;
+        row.geometry = sums;
+        for (k, (leg, share)) in row.legs.iter().zip(&shares).enumerate() {
+            for (slot, (node, weight)) in row.nodes[4 * k..4 * k + 4].iter_mut().zip(leg.nodes) {
+                *slot = (node, share * weight);
+            }
+            row.length_m += share * leg.length_m;
+            row.geometry.iter_mut().zip(said[k]).for_each(|(g, s)| *g -= share * s);
+        }
+        (0..3).for_each(|b| row.y[b] += before[b] - row.geometry[b]);
+    }
+
+    /// α of a frame by a solution [1/m].
+    fn attenuation_of(&self, frame: u32, band: usize, values: &DVector<f64>) -> f64 {
+        let node = |k: usize| values[self.columns.attenuation(band, k)];
+        match self.setting.drift {
+            None => node(0),
+            Some(drift) => {
+                let (k, share) = drift.places[frame as usize];
+                if share > 0.0 { (1.0 - share) * node(k) + share * node(k + 1) } else { node(k) }
+            }
+        }
     }
 
     /// Takes the step in what scatters back, and makes the rows linear about the solution.
@@ -77,11 +128,11 @@ impl Problem<'_> {
         for (row, log_direct) in self.rows.iter_mut().zip(direct) {
             let scattered = self.back.light(&row.glow);
             for b in 0..self.setting.bands {
-                let direct = (log_direct[b] + row.geometry).exp().max(LEAST_DIRECT_SHARE * scattered[b]);
+                let direct = (log_direct[b] + row.geometry[b]).exp().max(LEAST_DIRECT_SHARE * scattered[b]);
                 let all = direct + scattered[b];
                 row.direct_share[b] = direct / all;
                 row.per_direct[b] = 1.0 / direct;
-                row.y[b] = direct.ln() - row.geometry + (f64::from(row.log_color[b]) - all.ln()) / row.direct_share[b];
+                row.y[b] = direct.ln() - row.geometry[b] + (f64::from(row.log_color[b]) - all.ln()) / row.direct_share[b];
             }
         }
         values

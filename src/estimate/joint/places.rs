@@ -2,7 +2,7 @@
 
 use super::{Observation, Problem, Said, Solution, Track};
 use crate::geometry::LightPath;
-use crate::model::log_geometry;
+use crate::model::{log_geometry, log_sum};
 
 /// Most further unknowns at a time.
 pub const MOST_PLACES: usize = 6;
@@ -60,8 +60,11 @@ impl Problem<'_> {
             for (k, place) in places.iter().enumerate() {
                 let (Some(ahead), Some(behind)) = ((place.path)(o, place.step), (place.path)(o, -place.step)) else { continue };
                 let per_unit = 1.0 / (2.0 * place.step);
-                let (by_common, by_length) = ((common(&ahead) - common(&behind)) * per_unit, (ahead.length_m() - behind.length_m()) * per_unit);
-                row.by_place.iter_mut().zip(alpha).for_each(|(d, alpha)| d[k] = by_common - alpha * by_length);
+                let light = |p: &LightPath, alpha: f64| match p.legs() {
+                    [] => common(p) - alpha * p.length_m(),
+                    legs => log_sum(legs.iter().map(|l| (p.by(l), l.share)).map(|(p, share)| share.ln() + common(&p) - alpha * p.length_m())),
+                };
+                row.by_place.iter_mut().zip(alpha).for_each(|(d, alpha)| d[k] = (light(&ahead, alpha) - light(&behind, alpha)) * per_unit);
             }
         }
     }
