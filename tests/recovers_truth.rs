@@ -231,7 +231,11 @@ fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
     let (v, _) = judged(&dive, &Options { rig: toml::from_str(mount).expect("a rig"), ..Options::default() });
     let check = v.model.mount_check.as_ref().expect("a check");
     assert!((check.turn_deg[0] - 2.0).abs() < 0.5 && check.turn_deg[1].abs() < 0.5, "{check:?}");
-    assert!(told(&v).iter().any(|w| w.contains("dvl.mount")), "{:?}", told(&v));
+    let words = told(&v).into_iter().find(|w| w.contains("dvl.mount")).expect("a remedy");
+    // The remedy is the mount as it was rendered: half a turn about x.
+    let numbers = words.split("rotation_xyzw = [").nth(1).and_then(|rest| rest.split(']').next()).expect("a rotation");
+    let q: Vec<f64> = numbers.split(", ").map(|n| n.parse().expect("a number")).collect();
+    assert!(q[0].abs() > 0.9999 && q[1].abs() < 0.008 && q[2].abs() < 0.02 && q[3].abs() < 0.008, "{words}");
 }
 
 #[test]
@@ -268,4 +272,20 @@ fn two_strobes_are_told_from_one() {
     let (one, _) = judged(&dive, &named);
     assert!(one.reflectance_error[1] > 1.5 * v.reflectance_error[1]);
     assert_near("two strobes", &v, &truth, 0.04, 0.06, 0.04);
+}
+
+#[test]
+fn two_lamps_side_by_side_are_one() {
+    let dive = Dive { seed: 181, frames: 32, ..Dive::default() };
+    let (one, truth) = judged(&dive, &Options::default());
+    let lamp = |beside: f64| {
+        let [x, y, z] = truth.strobe_position_in_base;
+        format!("[[strobe.lamps]]\ntranslation_m = [{x}, {}, {z}]\nrotation_xyzw = {:?}\n", y + beside, truth.strobe_orientation_xyzw)
+    };
+    let rig = toml::from_str(&(lamp(0.04) + &lamp(-0.04))).expect("a rig");
+    let (two, _) = judged(&dive, &Options { rig, ..Options::default() });
+    for (a, b) in one.attenuation_error_per_m.iter().zip(&two.attenuation_error_per_m) {
+        assert!((a - b).abs() < 0.002, "{:.4?} and {:.4?}", one.attenuation_error_per_m, two.attenuation_error_per_m);
+    }
+    assert_near("side by side", &two, &truth, 0.03, 0.05, 0.03);
 }

@@ -214,7 +214,11 @@ pub fn understand(
             break;
         }
         let placed = Samples { lamps: strobe.lamps, ..lit };
-        let Some(found) = backscatter::find(&placed, &lit.setting(nodes, config)) else { break };
+        let Some(found) = backscatter::find(&placed, &lit.setting(nodes, config)) else {
+            // What was found with the strobe elsewhere does not hold where it is now.
+            (backscatter, freed) = (None, None);
+            break;
+        };
         if config.backscatter == Switch::Off {
             unmodelled = Some(found.attenuation_per_m);
             break;
@@ -222,7 +226,11 @@ pub fn understand(
         let off = found.taken_off(&placed);
         let before = strobe.lamps.origin().vector();
         let start = if moves { strobe.lamps } else { given.0 };
-        strobe = strobe_search::place_strobe(&Samples::plain(&off.0, &off.1, body_from_optical, start), given.1, config);
+        let anew = strobe_search::place_strobe(&Samples::plain(&off.0, &off.1, body_from_optical, start), given.1, config);
+        // A place that cannot be found once more stays what it was.
+        if anew.source.is_some() || strobe.source.is_none() {
+            strobe = anew;
+        }
         let moved = (strobe.lamps.origin().vector() - before).norm();
         (backscatter, freed) = (Some(found), Some(off));
         if moved < 0.01 {

@@ -27,8 +27,8 @@ const LEAST_TURN_RAD: f64 = 0.012;
 const SURE: f64 = 4.0;
 /// … and lowers the residual by this share.
 const LEAST_GAIN: f64 = 0.02;
-/// Planes are known this far from a frame; what lies beyond is no more than a hint [s].
-const FARTHEST_S: f64 = 1.0;
+/// The parabola is followed this many times as far as its planes lie.
+const FARTHEST: f64 = 2.0;
 
 /// What fits better than what was given.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +45,10 @@ pub struct FoundMounts {
     pub turn_std_rad: [f64; 2],
     /// residual as given, and with these [log light]
     pub residual: [f64; 2],
+    /// whether the planes' turn is the attitude's, no mount's: most floors were taken to be level
+    pub turn_is_attitudes: bool,
+    /// whether the strobe's place was found in the same log: it has taken part of what is off
+    pub at_least: bool,
 }
 
 impl FoundMounts {
@@ -82,7 +86,7 @@ impl Shift<'_> {
         let (mut normal, mut distance) = (frame.normal.vector(), frame.distance_m);
         if let Some([before, after]) = frame.planes_around {
             // A parabola through three planes: a swell curves.
-            let t = self.by.x / PLANES_AROUND_S;
+            let t = (self.by.x / PLANES_AROUND_S).clamp(-FARTHEST, FARTHEST);
             let (b, n, a) = (t * (t - 1.0) / 2.0, 1.0 - t * t, t * (t + 1.0) / 2.0);
             normal = before.0.vector() * b + normal * n + after.0.vector() * a;
             distance = before.1 * b + distance * n + after.1 * a;
@@ -142,12 +146,14 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
     };
     let first = residual_at(Vector3::zeros())?;
     let Lowest { place, std, residual } = descend((Vector3::zeros(), first), &residual_at, &asked_at)?;
-    (place.x.abs() < FARTHEST_S && std.iter().all(|s| s.is_finite())).then(|| FoundMounts {
+    std.iter().all(|s| s.is_finite()).then(|| FoundMounts {
         clock_offset_s: place.x,
         clock_offset_std_s: std.x,
         turn_rad: at(place).turn(),
         turn_about_axes_rad: [place.y, place.z],
         turn_std_rad: [std.y, std.z],
         residual: [first, residual],
+        turn_is_attitudes: samples.frames.iter().filter(|f| f.is_level_assumed).count() * 2 > samples.frames.len(),
+        at_least: samples.strobe_is_found,
     })
 }

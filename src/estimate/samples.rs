@@ -12,7 +12,7 @@
 use std::ops::Range;
 
 use crate::config::{EstimateConfig, MatchingConfig};
-use crate::geometry::{LightPath, Sighted, View, light_path};
+use crate::geometry::{LightPath, Sighted, Support, View, light_path};
 use crate::image::SensorImage;
 use crate::spaces::{Body, Direction, Point};
 use crate::units::Stamp;
@@ -76,6 +76,8 @@ pub struct FrameSamples {
     pub eight_bit: bool,
     /// the plane's distance from the body's origin [m]
     pub distance_m: f64,
+    /// whether the plane's slopes were taken to be level, for want of beams
+    pub is_level_assumed: bool,
     /// the planes that many seconds earlier and later, where there are any
     pub planes_around: Option<[(Direction<Body>, f64); 2]>,
 }
@@ -124,6 +126,7 @@ pub fn samples(
         mean_light: [0.0; 3],
         eight_bit: false,
         distance_m: view.plane.distance_m,
+        is_level_assumed: view.plane.support == Support::AssumedLevel,
         planes_around: None,
     };
     let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);

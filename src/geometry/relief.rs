@@ -70,8 +70,11 @@ impl Way {
 
     /// The place at a moment between two pings of one stretch.
     pub fn at(&self, pings: &[Ping], stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
-        let after = pings.partition_point(|p| p.stamp < stamp);
+        let after = pings.partition_point(|p| p.stamp <= stamp).min(pings.len().checked_sub(1)?);
         let (a, b) = (after.checked_sub(1)?, after);
+        if pings[b].stamp < stamp {
+            return None;
+        }
         let (first, second) = (self.0.get(a)?, self.0.get(b)?);
         let span = pings[b].stamp.seconds_since(pings[a].stamp);
         let share = if span > 0.0 { stamp.seconds_since(pings[a].stamp) / span } else { 0.0 };
@@ -140,17 +143,18 @@ pub fn heights(pings: &[Ping], way: &Way, attitude: &AttitudeTrack, stamp: Stamp
         };
         let turn = attitude.turn(stamp, ping.stamp).or_else(|| (Some(i) == nearest).then(Default::default));
         let (Some(moved), Some(turn)) = (moved, turn) else { continue };
-        for beam in &ping.beams {
+        for (b, beam) in ping.beams.iter().enumerate() {
             let Some(range) = beam.range else { continue };
             let at = instrument + moved + turn * ((rig.body_from_dvl * beam.direction).vector() * range.0);
             let ((u, v), height_m) = (axes.of_point(&at), plane.distance_m - plane.normal.vector().dot(&at));
             if u.hypot(v) < REACH * axes.altitude_m && height_m.abs() < axes.altitude_m / 2.0 {
-                found.push(Height { u, v, height_m, offset_s: ping.stamp.seconds_since(stamp) });
+                found.push((i + b, Height { u, v, height_m, offset_s: ping.stamp.seconds_since(stamp) }));
             }
         }
     }
     let every = found.len().div_ceil(MOST_HITS).max(1);
-    found.into_iter().step_by(every).collect()
+    // By turns among the beams: each of them is left with as many.
+    found.into_iter().filter(|(turn, _)| turn % every == 0).map(|(_, height)| height).collect()
 }
 
 /// A Gaussian process over hits.

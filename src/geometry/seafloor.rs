@@ -224,8 +224,10 @@ impl Pings {
 /// five or more its curvature as well: over the window a swell would else be flattened by centimetres.
 fn in_time(heights: &[(f64, f64)]) -> Option<(f64, f64)> {
     let straddled = heights.iter().any(|h| h.1 <= 0.0) && heights.iter().any(|h| h.1 >= 0.0);
-    let powers = if heights.len() >= 5 { 3 } else { 2 };
-    if !straddled || heights.len() < 2 {
+    let mut times: Vec<f64> = heights.iter().map(|h| h.1).collect();
+    times.dedup();
+    let powers = if times.len() >= 5 { 3 } else { 2 };
+    if !straddled || times.len() < 2 {
         return None;
     }
     let design = DMatrix::from_fn(heights.len(), powers, |i, j| heights[i].1.powi(j as i32));

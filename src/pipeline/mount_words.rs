@@ -17,13 +17,23 @@ pub fn mount_check(found: &FoundMounts, rig: &Rig, camera_topic: &str, offset_s:
             found.clock_offset_s, found.clock_offset_std_s
         ));
     }
-    if found.contradicts_mount() {
+    let fits = if found.at_least { format!("at least so much, as the strobe's place was found in the same light; {fits}") } else { fits };
+    let turns = format!(
+        "{:.1} ± {:.1}° and {:.1} ± {:.1}° about the camera's x and y ({fits})",
+        found.turn_about_axes_rad[0].to_degrees(),
+        found.turn_std_rad[0].to_degrees(),
+        found.turn_about_axes_rad[1].to_degrees(),
+        found.turn_std_rad[1].to_degrees()
+    );
+    if found.contradicts_mount() && found.turn_is_attitudes {
+        warnings.push(format!(
+            "the log contradicts the turn between camera and attitude sensor: level floors fit better turned by {turns}; check [camera.mount] and the attitude sensor's mount"
+        ));
+    } else if found.contradicts_mount() {
         let mount = rig.body_from_dvl.isometry();
         let (t, q) = (mount.translation.vector, UnitQuaternion::from_scaled_axis(found.turn_rad) * mount.rotation);
         warnings.push(format!(
-            "the log contradicts the turn between camera and range instrument: planes fit better turned by {:.1} ± {:.1}° and {:.1} ± {:.1}° about the camera's x and y ({fits}); to use that write `[dvl.mount]` with `translation_m = [{:.4}, {:.4}, {:.4}]` and `rotation_xyzw = [{:.5}, {:.5}, {:.5}, {:.5}]` in a rig file",
-            found.turn_about_axes_rad[0].to_degrees(), found.turn_std_rad[0].to_degrees(),
-            found.turn_about_axes_rad[1].to_degrees(), found.turn_std_rad[1].to_degrees(),
+            "the log contradicts the turn between camera and range instrument: planes fit better turned by {turns}; to use that write `[dvl.mount]` with `translation_m = [{:.4}, {:.4}, {:.4}]` and `rotation_xyzw = [{:.5}, {:.5}, {:.5}, {:.5}]` in a rig file",
             t.x, t.y, t.z, q.i, q.j, q.k, q.w
         ));
     }

@@ -136,6 +136,9 @@ fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Confi
 /// Frames far apart in time that look at the same ground, by the way of the instrument: crossing tracks, return legs.
 fn crossings(frames: &[FrameSamples], survey: &Survey, config: &Config) -> Vec<(usize, usize)> {
     let looked_at = |f: &FrameSamples| {
+        if f.grid.is_empty() {
+            return None;
+        }
         let sum: nalgebra::Vector3<f64> = f.grid.iter().map(|(_, s)| s.hit.vector()).sum();
         let middle = Point::from_vector(sum / f.grid.len().max(1) as f64);
         survey.pings.in_world(f.stamp, middle, &survey.rig)

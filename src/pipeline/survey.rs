@@ -20,7 +20,7 @@ use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
-use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, MountFacts, Rig, RigFile, SettingSeries};
+use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, LampFacts, MountFacts, Rig, RigFile, SettingSeries};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
 use choose::{choose_camera, choose_ranges};
@@ -388,6 +388,10 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
-    file.strobe.mount = rig.strobe.source.as_ref().map(|_| MountFacts::of(rig.strobe.lamps.isometry()));
+    let mounts: Vec<_> = rig.strobe.lamps.poses().map(|(pose, share)| (MountFacts::of(pose), share)).collect();
+    match mounts.as_slice() {
+        [(one, _)] => file.strobe.mount = rig.strobe.source.as_ref().map(|_| one.clone()),
+        several => file.strobe.lamps = Some(several.iter().map(|(mount, share)| LampFacts::of(mount, *share)).collect()),
+    }
     file
 }

@@ -40,7 +40,7 @@ impl Lamps {
     pub fn several(mounts: &[(Transform<Body, Strobe>, f64)]) -> Option<Self> {
         let total: f64 = mounts.iter().map(|m| m.1).sum();
         let first = mounts.first()?.0;
-        if mounts.len() > MOST_LAMPS || mounts.iter().any(|m| m.1.is_nan() || m.1 <= 0.0) {
+        if mounts.len() > MOST_LAMPS || mounts.iter().any(|m| !m.1.is_finite() || m.1 <= 0.0) {
             return None;
         }
         let mut all = Self { count: mounts.len(), ..Self::one(first) };

@@ -219,6 +219,12 @@ fn one() -> f64 {
 }
 
 impl LampFacts {
+    /// A lamp at a mount.
+    pub fn of(mount: &MountFacts, strength: f64) -> Self {
+        let MountFacts { translation_m, rotation_xyzw, roll_pitch_yaw_deg } = mount.clone();
+        Self { translation_m, rotation_xyzw, roll_pitch_yaw_deg, strength }
+    }
+
     /// Its pose.
     ///
     /// # Errors

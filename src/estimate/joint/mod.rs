@@ -187,9 +187,10 @@ pub struct Said {
 /// Solves for all tracks; `None` where too little is seen.
 pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Lamps, paths: &PathFor<'_>) -> Option<JointAnswer> {
     let mut problem = Problem::new(tracks, setting, mount, paths)?;
-    let mut solution = problem.solve(setting.rounds)?;
+    let solution = problem.solve(setting.rounds)?;
     if setting.free_strobe {
-        solution = problem.with_places(tracks, &strobe_places(mount, paths), &solution)?;
+        // The place stays where it is; that it might be elsewhere makes the answer less sure.
+        problem.with_places(tracks, &strobe_places(mount, paths), &solution)?;
     }
     problem.answer(&solution)
 }

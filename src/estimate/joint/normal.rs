@@ -55,14 +55,17 @@ impl Problem<'_> {
         let bands = self.setting.bands;
         let beam = |leg: &LegRow| leg.nodes.iter().filter_map(|(n, w)| Some(w * values[self.columns.beam_node(*n)?])).sum::<f64>();
         let alpha: [f64; 3] = std::array::from_fn(|b| if b < bands { self.attenuation_of(row.frame, b, values) } else { 0.0 });
-        // Without geometry, which is no unknown.
-        let said: Vec<[f64; 3]> = row.legs.iter().map(|l| std::array::from_fn(|b| beam(l) - alpha[b] * l.length_m)).collect();
+        let exponent = self.columns.exponent().map_or(0.0, |i| values[i]);
+        // Without geometry, as far as it is no unknown.
+        let of_leg = |l: &LegRow, b: usize| beam(l) - alpha[b] * l.length_m - exponent * l.length_m.ln();
+        let said: Vec<[f64; 3]> = row.legs.iter().map(|l| std::array::from_fn(|b| of_leg(l, b))).collect();
         let sums: [f64; 3] = std::array::from_fn(|b| log_sum(row.legs.iter().zip(&said).map(move |(l, s)| l.log_geometry + s[b])));
         // One share for all bands: the offset makes each band exact at the solution.
         let share = |k: usize| (0..bands).map(|b| (row.legs[k].log_geometry + said[k][b] - sums[b]).exp()).sum::<f64>() / bands as f64;
         let shares: Vec<f64> = (0..row.legs.len()).map(share).collect();
         let before = row.geometry;
         row.length_m = row.seafloor_to_camera_m;
+        row.log_strobe_leg = row.legs.iter().zip(&shares).map(|(l, s)| s * l.length_m.ln()).sum();
         row.geometry = sums;
         for (k, (leg, share)) in row.legs.iter().zip(&shares).enumerate() {
             for (slot, (node, weight)) in row.nodes[4 * k..4 * k + 4].iter_mut().zip(leg.nodes) {
@@ -75,7 +78,7 @@ impl Problem<'_> {
     }
 
     /// α of a frame by a solution [1/m].
-    fn attenuation_of(&self, frame: u32, band: usize, values: &DVector<f64>) -> f64 {
+    pub(super) fn attenuation_of(&self, frame: u32, band: usize, values: &DVector<f64>) -> f64 {
         let node = |k: usize| values[self.columns.attenuation(band, k)];
         match self.setting.drift {
             None => node(0),
@@ -239,8 +242,10 @@ impl Normal {
                 let (w, entries) = (weight[b], problem.columns.entries(&problem.setting, &problem.back, row, b));
                 for (k, (p, x)) in entries.iter().enumerate() {
                     self.right[*p] += w * x * row.y[b];
-                    for (q, z) in &entries[..=k] {
-                        self.matrix[(*p.max(q), *p.min(q))] += w * x * z;
+                    for (j, (q, z)) in entries[..=k].iter().enumerate() {
+                        // Two lamps that shine on a point from alike share nodes of the beam: such a pair counts both ways.
+                        let times = if j < k && p == q { 2.0 } else { 1.0 };
+                        self.matrix[(*p.max(q), *p.min(q))] += times * w * x * z;
                     }
                     let slot = &mut self.slots[*p];
                     if *slot == usize::MAX {

@@ -48,14 +48,18 @@ impl Problem<'_> {
 
     /// Derivatives of each row's model by each place, numerically, with the pattern in hand.
     fn differentiate(&mut self, tracks: &[Track], places: &[Place<'_>], solution: &Solution) {
-        let Said { attenuation_per_m: alpha, beam, .. } = self.said(solution);
+        let Said { beam, .. } = self.said(solution);
+        let alpha_of = |frame: u32| -> [f64; 3] {
+            std::array::from_fn(|b| if b < self.setting.bands { self.attenuation_of(frame, b, &solution.values) } else { 0.0 })
+        };
+        let alphas: Vec<[f64; 3]> = self.rows.iter().map(|r| alpha_of(r.frame)).collect();
         let spreading = self.setting.spreading_held();
         let exponent = self.columns.exponent().map_or(0.0, |i| solution.values[i]);
         let common = |p: &LightPath| {
             beam.log_gain(p.angles) + log_geometry(spreading, self.setting.config.incidence, p) - exponent * p.strobe_to_seafloor_m.ln()
         };
         let observations: Vec<&Observation> = tracks.iter().flatten().collect();
-        for row in &mut self.rows {
+        for (row, alpha) in self.rows.iter_mut().zip(alphas) {
             let o = observations[row.source];
             for (k, place) in places.iter().enumerate() {
                 let (Some(ahead), Some(behind)) = ((place.path)(o, place.step), (place.path)(o, -place.step)) else { continue };

@@ -3,9 +3,12 @@
 use super::Selection;
 use super::mounts::Mounts;
 use crate::error::{Error, Result};
-use crate::spaces::{Body, Optical, Strobe, Transform};
+use crate::spaces::{Body, Direction, Optical, Strobe, Transform};
 use crate::vehicle::{Lamps, MOST_LAMPS, RigFile, StrobeMount};
 
+/// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its turn is another
+/// convention's (x ahead) or none.
+const LEAST_AHEAD: f64 = 0.4;
 /// Words in a TF frame's name that say it is a light.
 const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen"];
 
@@ -42,7 +45,20 @@ pub fn strobe_mount(
         [] => Ok(StrobeMount { lamps: Lamps::one(Transform::from_isometry(body_from_optical.isometry())), source: None }),
         [one] => Ok(StrobeMount { lamps: Lamps::one(in_tf(one).unwrap_or_else(Transform::identity)), source: Some((*one).into()) }),
         several => {
-            let mounts: Vec<_> = several.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
+            let ahead = |pose: &Transform<Body, Strobe>| {
+                (*pose * Direction::boresight()).vector().dot(&(body_from_optical * Direction::boresight()).vector())
+            };
+            let mut mounts: Vec<(Transform<Body, Strobe>, f64)> = several.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
+            if mounts.iter().any(|(pose, _)| ahead(pose) < LEAST_AHEAD) {
+                remarks.push(
+                    "by their turn in the TF tree these lights would not shine where the camera looks; they are taken to look as it does".into(),
+                );
+                for (pose, _) in &mut mounts {
+                    let mut as_camera = body_from_optical.isometry();
+                    as_camera.translation.vector = pose.origin().vector();
+                    *pose = Transform::from_isometry(as_camera);
+                }
+            }
             remarks.push(format!(
                 "several lights in the TF tree ({}): taken as equally strong and of one beam pattern, {} of them; name the one that shone with --strobe-frame, or strengths under [[strobe.lamps]] in a rig file",
                 several.join(", "),
