@@ -219,7 +219,7 @@ pub struct EstimateOptions {
 #[derive(Debug, Args, Default)]
 #[command(next_help_heading = "Correcting and writing")]
 pub struct RenderOptions {
-    /// What is removed (Fig. 10, Eq. 14 of the paper)
+    /// What is removed (Fig. 10 of the paper); or a baseline to compare with (Fig. 4)
     #[arg(long, value_enum, value_name = "NAME")]
     pub method: Option<Method>,
     /// Undo lens distortion as well

@@ -203,8 +203,32 @@ pub enum Method {
     Attenuation,
     /// the strobe's pattern alone (Fig. 10, bottom left)
     BeamPattern,
-    /// the mean of the frames that pass one saw, as the literature has it (Eq. 14)
+    /// baseline, for comparison: divides by the mean of the frames that pass one saw (Eq. 14)
     FrameAverage,
+    /// baseline, for comparison: divides by the mean of the frames at the same height
+    RangeAverage,
+    /// baseline, for comparison: the mean of each frame is grey
+    GreyWorld,
+    /// baseline, for comparison: the brightest of each frame is white
+    WhitePatch,
+    /// baseline, for comparison: takes off what is broad in each frame's log (Eq. 12)
+    Homomorphic,
+    /// baseline, for comparison: takes off a smooth surface fitted to each frame's log
+    HomomorphicSurface,
+    /// baseline, for comparison: contrast-limited adaptive histogram equalisation of each frame
+    Ahe,
+}
+
+impl Method {
+    /// Whether it is there for comparison alone: it takes statistics of frames, not the water.
+    pub fn is_baseline(self) -> bool {
+        !matches!(self, Self::Full | Self::Attenuation | Self::BeamPattern)
+    }
+
+    /// Whether it needs mean frames of the whole log.
+    pub fn needs_mean_frames(self) -> bool {
+        matches!(self, Self::FrameAverage | Self::RangeAverage)
+    }
 }
 
 /// Container of corrected pictures.
@@ -369,7 +393,7 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.rounds", "count", "reweightings of the robust solve";
     "estimate.least_pairs", "count", "fewer matches do not hold three coefficients and a beam pattern";
     "estimate.least_altitude_spread", "ratio", "highest over lowest altitude below which attenuation is not identified";
-    "render.method", "full | attenuation | beam-pattern | frame-average", "what is removed (Fig. 10, Eq. 14)";
+    "render.method", "full | attenuation | beam-pattern | frame-average | range-average | grey-world | white-patch | homomorphic | homomorphic-surface | ahe", "what is removed (Fig. 10); from frame-average on they are baselines, for comparison (Fig. 4, Eq. 12 to 14)";
     "render.white_balance", "grey-world | none | [r, g, b]", "one per log, never per image";
     "render.highlight_quantile", "share", "one exposure per log: this share of the seafloor stays below highlight_level";
     "render.highlight_level", "share of white", "room above for single bright pixels";

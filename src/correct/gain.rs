@@ -175,6 +175,7 @@ impl<'g> GainGrid<'g> {
 mod tests {
     use super::*;
     use crate::config::{RenderConfig, Spreading};
+    use crate::correct::MeanFrames;
     use crate::geometry::{SeafloorPlane, Support};
     use crate::image::LinearImage;
     use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
@@ -197,7 +198,8 @@ mod tests {
         };
         let config = RenderConfig { gain_cap: 1e30, ..RenderConfig::default() };
         let rendering = RenderingFile { method: Default::default(), gain: vec![1.0; 3], median_correction: vec![1.0; 3], white_level: None };
-        let correction = Correction { model: &model, rendering: &rendering, config: &config, glow: None, frame_average: None, clipped_above: 1.0 };
+        let correction =
+            Correction { model: &model, rendering: &rendering, config: &config, glow: None, means: &MeanFrames::default(), clipped_above: 1.0 };
         let camera = Camera::from_field_of_view(643, 451, 55.0);
         for pitch_deg in [0.0, 25.0, 66.0f64] {
             let (sin, cos) = pitch_deg.to_radians().sin_cos();

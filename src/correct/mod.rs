@@ -4,16 +4,16 @@
 //! r_Λ = (c_Λ − B_Λ) / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
 //! ```
 //!
-//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; no statistic
-//! of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
+//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; but in `baselines`,
+//! which are there for comparison, no statistic of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
 //! evaluated on a coarse grid and interpolated: it is smooth, pixels are many. Where a ray never meets the floor
 //! there is no gain: the pixel stays black and is counted. Codecs do not live here.
 
-mod frame_average;
+mod baselines;
 mod gain;
 mod rendering;
 
-pub use frame_average::FrameAverage;
+pub use baselines::MeanFrames;
 pub use rendering::rendering;
 
 use crate::config::{Method, RenderConfig};
@@ -34,8 +34,8 @@ pub struct Correction<'m> {
     pub config: &'m RenderConfig,
     /// backscatter and S_Λ, where the model has backscatter and the method takes it off
     pub glow: Option<(&'m Backscatter, &'m GlowTable)>,
-    /// the mean frame, where the method divides by that
-    pub frame_average: Option<&'m FrameAverage>,
+    /// mean frames, for the baselines that divide by them
+    pub means: &'m MeanFrames,
     /// input above this share of full scale counts as clipped
     pub clipped_above: f32,
 }
@@ -82,35 +82,34 @@ impl Correction<'_> {
         let shares =
             |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
         let clipped_input_share = shares(&raw.light, self.clipped_above);
-        if frame_gain != 1.0 {
+        let method = self.config.method;
+        // Baselines know nothing of gains, as the log does not say which frames are brighter for the light's sake.
+        if frame_gain != 1.0 && !method.is_baseline() {
             raw.light.pixels.iter_mut().for_each(|v| *v /= frame_gain as f32);
         }
         let grid = GainGrid::new(self, view, raw.light.width, raw.light.height, raw.bands());
-        let average = self.frame_average.filter(|_| self.config.method == Method::FrameAverage);
-        if average.is_none() {
+        if !method.is_baseline() {
             grid.multiply(&mut raw);
         }
         let mut image = raw.into_bands();
-        if let Some(average) = average {
-            average.divide(&mut image, &self.rendering.gain);
-        }
+        baselines::apply(method, &mut image, self.means, view.camera_altitude_m());
         if let Some(camera) = rectified {
             image = undistorted(&image, view.camera, camera);
         }
         let clipped_output_share = shares(&image, 1.0);
-        Corrected {
-            image,
-            facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..grid.facts() },
-        }
+        let of_gains = grid.facts();
+        let of_gains = if method.is_baseline() { FrameFacts { gain_capped_share: 0.0, mean_gain: f64::NAN, ..of_gains } } else { of_gains };
+        Corrected { image, facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..of_gains } }
     }
 }
 
 /// Log of what a method divides out of one band for one way of light (Fig. 10).
 fn log_removed(method: Method, model: &ImagingModel, path: &LightPath, band: usize) -> f64 {
     match method {
-        Method::Full | Method::FrameAverage => model.log_light(path, band),
         Method::Attenuation => model.log_water(path, band) + model.spreading.log_light(path),
         Method::BeamPattern => model.beam_pattern.log_gain(path.angles),
+        // Baselines divide nothing out; what full correction would have done stands in the facts.
+        _ => model.log_light(path, band),
     }
 }
 

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::config::{Config, Estimator, Method};
-use crate::correct::FrameAverage;
+use crate::config::{Config, Estimator};
+use crate::correct::MeanFrames;
 use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, matches, samples};
 use crate::geometry::View;
@@ -28,8 +28,8 @@ pub struct Collected {
     pub frames: Vec<FrameSamples>,
     /// matched keypoints
     pub pairs: Vec<MatchedPair>,
-    /// the mean frame, where the method wants it
-    pub average: FrameAverage,
+    /// mean frames, where the method wants them
+    pub means: MeanFrames,
 }
 
 /// Which frames pass one looks at: all, or stretches spread evenly over the log.
@@ -72,7 +72,7 @@ pub fn collect(
     let chosen = chosen_frames(survey.frames.len(), config.estimate.max_frames);
     let mut collected = Collected::default();
     progress.begin(Step::Estimate, chosen.len());
-    let wants_average = config.render.method == Method::FrameAverage;
+    let wants_average = config.render.method.needs_mean_frames();
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
     let work = |(index, message): (usize, Message)| {
         let decoder = scan.decoders.get(&message.channel)?;
@@ -88,7 +88,7 @@ pub fn collect(
             Some((plane.normal, plane.distance_m))
         };
         taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
-        Some((taken, wants_average.then(|| image.into_bands())))
+        Some((taken, wants_average.then(|| (image.into_bands(), view.camera_altitude_m()))))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
     ordered_map(
@@ -100,8 +100,8 @@ pub fn collect(
         |result| -> Result<()> {
             if let Some((taken, image)) = result {
                 collected.frames.push(taken);
-                if let Some(image) = image {
-                    collected.average.add(&image);
+                if let Some((image, camera_altitude_m)) = image {
+                    collected.means.add(config.render.method, &image, camera_altitude_m);
                 }
             }
             progress.advance(1);

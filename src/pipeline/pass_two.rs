@@ -288,6 +288,12 @@ pub fn method_name(method: Method) -> &'static str {
         Method::Attenuation => "attenuation",
         Method::BeamPattern => "beam-pattern",
         Method::FrameAverage => "frame-average",
+        Method::RangeAverage => "range-average",
+        Method::GreyWorld => "grey-world",
+        Method::WhitePatch => "white-patch",
+        Method::Homomorphic => "homomorphic",
+        Method::HomomorphicSurface => "homomorphic-surface",
+        Method::Ahe => "ahe",
     }
 }
 
