@@ -273,7 +273,7 @@ impl Shared {
         let rig = match &self.rig {
             None => RigFile::default(),
             Some(path) => toml::from_str(&read(path)?).map_err(|e| {
-                let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio ranges min_range_m max_range_m bad_values topic path valid_path unit_m medium vignetting flat_field time_offset_s translation_m rotation_xyzw roll_pitch_yaw_deg";
+                let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio ranges min_range_m max_range_m bad_values topic path valid_path unit_m medium vignetting flat_field response time_offset_s translation_m rotation_xyzw roll_pitch_yaw_deg";
                 Error::BadFile { path: path.clone(), what: "a fact", reason: with_nearest_key(&e, known.split(' ')) }
             })?,
         };

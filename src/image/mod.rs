@@ -9,6 +9,7 @@ pub mod demosaic;
 pub mod encode;
 pub mod flat_field;
 mod packed;
+pub mod response;
 pub mod transfer;
 mod yuv;
 

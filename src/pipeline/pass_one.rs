@@ -119,7 +119,7 @@ pub fn collect(
 fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<(SensorImage, u8), String> {
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
-    let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
+    let light = Light { transfer: config.light.transfer, white_level: survey.white_level, response: survey.response.as_ref() };
     let Decoded { mut image, coding } = decode(&read(&value)?, light)?;
     survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
     Ok((image, coding.bits))

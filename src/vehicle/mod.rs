@@ -13,4 +13,4 @@ pub use attitude::AttitudeTrack;
 pub use camera::{Calibration, Camera, Distortion, LensModel};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
-pub use rig::{CameraFacts, DvlFacts, Medium, MountFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};
+pub use rig::{CameraFacts, DvlFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};

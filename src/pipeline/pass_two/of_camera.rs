@@ -104,7 +104,8 @@ impl OfCamera<'_> {
             let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
             said = heading(&value);
             let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
-            let light = Light { transfer: self.config.light.transfer, white_level: self.survey.white_level };
+            let Survey { white_level, response, .. } = self.survey;
+            let light = Light { transfer: self.config.light.transfer, white_level: *white_level, response: response.as_ref() };
             let mut picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
             self.survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).map_err(|_sizes| Reason::WrongSize)?;
             let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
