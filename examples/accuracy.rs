@@ -1,7 +1,8 @@
 //! How near the truth the estimators come, over many rendered dives: the tables of `docs/accuracy.md`.
 //!
-//!     cargo run --release --example accuracy -- [--json] [SEEDS [CASE [SETTINGS.toml]]]
+//!     cargo run --release --example accuracy -- [--json] [SEEDS [CASE,CASE… [SETTINGS.toml]]]
 //!
+//! A case is named by how it begins.
 //! With `--json` one line of JSON per dive and per goal instead of tables.
 #[path = "accuracy/goals.rs"]
 mod goals;
@@ -13,7 +14,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use goals::{drop_outs, held};
-use support::judge::{Verdict, pictures, run_and_show, shown_again};
+use support::judge::{Verdict, pictures, run_and_show, shown_again, unbend};
 use support::render::{Dive, Sensor, Truth};
 use support::same_point::{Ground, Shown};
 use unwater::config::{Config, Estimator, ImageFormat, Method, Spreading, Switch};
@@ -109,7 +110,7 @@ fn main() {
         );
     }
     let mut done: Vec<(&'static str, Vec<Judged>)> = Vec::new();
-    for case in CASES.iter().filter(|c| c.name.starts_with(&wanted)) {
+    for case in CASES.iter().filter(|c| wanted.split(',').any(|begins| c.name.starts_with(begins))) {
         let mut options = Options { config: base.clone(), ..Options::default() };
         (case.change)(&mut options.config);
         options.threads = 1;
@@ -121,9 +122,9 @@ fn main() {
             judged
         });
         if json {
-            print_json(case, &judged)
+            print_json(case, &judged);
         } else {
-            print_estimates(case, &judged)
+            print_estimates(case, &judged);
         }
         done.push((case.name, judged));
     }
@@ -150,7 +151,9 @@ fn judged(dive: &Dive, options: &Options, compared: bool, folder: &Path) -> Judg
         }
         let mut eight = options.clone();
         (eight.config.render.depth, eight.config.render.image_format) = (8, ImageFormat::Png);
-        others.push(("8 bit out", shown(&shown_again(&verdict.model, &eight, folder))));
+        let mut in_codes = shown_again(&verdict.model, &eight, folder);
+        unbend(&mut in_codes, eight.config.render.shoulder_from);
+        others.push(("8 bit out", shown(&in_codes)));
         let of_truth = ground.floor(&truth);
         let (scatter, scatter_over_spread) = of_truth.iter().map(|(within, between)| (*within, within / between)).unzip();
         others.push(("the truth itself", Shown { scatter, scatter_over_spread, ..Shown::default() }));

@@ -39,7 +39,7 @@ pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_
         method if method.is_baseline() => vec![1.0; bands],
         _ => balance.iter().map(|w| finite_or_one(w * exposure)).collect(),
     };
-    RenderingFile { method: config.method, gain, median_correction, white_level }
+    RenderingFile { method: config.method, gain, median_correction, shoulder_from: Some(config.shoulder_from), white_level }
 }
 
 fn finite_or_one(v: f64) -> f64 {

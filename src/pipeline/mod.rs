@@ -216,7 +216,7 @@ struct Ready {
 fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Ready> {
     let mut prepared = prepare(input, options)?;
     let method = options.config.render.method;
-    let (file, means) = match model {
+    let (mut file, means) = match model {
         // Exposure goes with what is removed: a model made for another method is shown anew, from samples without keypoints.
         Some(file) if file.rendering.method == method && !method.needs_mean_frames() => (file, Default::default()),
         Some(mut file) => {
@@ -234,6 +234,8 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
             (model_of(vec![(&prepared, collected)], options)?, means)
         }
     };
+    // Exposure is the model's; how highlights are shown is this run's.
+    file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
     // The pattern's angles are about the strobe that the model was made with.
     prepared.survey.rig.strobe = strobe_of(&file, &prepared.survey.rig);
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
@@ -255,6 +257,7 @@ impl Ready {
             config: &options.config.render,
             means,
             clipped_above: options.config.estimate.clipped_above as f32,
+            electrons: survey.electrons,
         };
         let place = if is_first { String::new() } else { place_of(&survey.camera_topic) };
         OfCamera { scan, survey, config: &options.config, wire, file, model, correction, rig_toml, place }

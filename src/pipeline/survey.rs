@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Pings;
 use crate::image::decode::{Light, decode};
 use crate::image::flat_field::FlatField;
+use crate::image::noise::Electrons;
 use crate::image::response::Response;
 use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
@@ -61,6 +62,8 @@ pub struct Survey {
     pub flat_field: Option<FlatField>,
     /// the camera's response as a table, where the rig file has one
     pub response: Option<Response>,
+    /// the sensor's electrons, as far as the rig file tells
+    pub electrons: Electrons,
     /// settings of camera and strobe that change along the log
     pub settings: Vec<SettingSeries>,
     /// mounts and calibration
@@ -207,6 +210,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         pings,
         flat_field,
         response,
+        electrons: Electrons { full_well: rig_file.camera.full_well_e, read_noise: rig_file.camera.read_noise_e.unwrap_or(0.0) },
         settings: settings(recording, scan),
         rig,
         remarks,
@@ -437,6 +441,7 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     file.camera = CameraFacts::of(&rig.camera.as_calibrated());
     file.camera.medium = given.camera.medium;
     (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
+    (file.camera.full_well_e, file.camera.read_noise_e) = (given.camera.full_well_e, given.camera.read_noise_e);
     file.camera.response.clone_from(&given.camera.response);
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));

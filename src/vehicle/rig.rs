@@ -124,6 +124,12 @@ pub struct CameraFacts {
     /// codes to light by a table, instead of `light.transfer`
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<ResponseFacts>,
+    /// electrons of a pixel at full scale, by the data sheet and the gain; for the account of noise alone
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub full_well_e: Option<f64>,
+    /// noise of reading a pixel [electrons]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub read_noise_e: Option<f64>,
     /// where the camera sits
     pub mount: Option<MountFacts>,
 }

@@ -77,6 +77,17 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
     pictures
 }
 
+/// Takes the shoulder off 8-bit pictures, as docs/formats.md says.
+pub fn unbend(pictures: &mut [LinearImage], from: f64) {
+    let room = 1.0 - from;
+    for value in pictures.iter_mut().flat_map(|p| &mut p.pixels) {
+        let shown = f64::from(*value);
+        if shown > from {
+            *value = (from - room * (1.0 - (shown - from) / room).max(1e-6).ln()) as f32;
+        }
+    }
+}
+
 /// Means over blocks of a picture.
 pub fn blocks(width: usize, height: usize, at: impl Fn(usize, usize) -> f64) -> Vec<f64> {
     let mut means = Vec::new();

@@ -3,7 +3,7 @@
 
 use super::LEAST_LIGHT;
 use crate::image::LinearImage;
-use crate::image::transfer::{SrgbTable, Transfer};
+use crate::image::transfer::{Shoulder, SrgbTable, Transfer};
 
 /// Tiles along each side, as OpenCV has them.
 const TILES: usize = 8;
@@ -17,7 +17,7 @@ pub fn equalise(image: &mut LinearImage) {
     let mut values = image.pixels.clone();
     let index = ((values.len() - 1) as f64 * BRIGHT_QUANTILE).round() as usize;
     let bright = (*values.select_nth_unstable_by(index, f32::total_cmp).1).max(LEAST_LIGHT);
-    let (to_code, to_light) = (SrgbTable::new(), Transfer::Srgb.table8());
+    let (to_code, to_light) = (SrgbTable::new(Shoulder { from: 1.0 }), Transfer::Srgb.table8());
     for band in 0..image.bands {
         let codes: Vec<u8> = image.pixels.iter().skip(band).step_by(image.bands).map(|v| to_code.code(v / bright)).collect();
         let equalised = clahe(&codes, image.width, image.height);
@@ -68,8 +68,8 @@ fn table(mut histogram: [usize; 256], pixels: usize) -> [u8; 256] {
     let clipped: usize = histogram.iter().map(|n| n.saturating_sub(limit)).sum();
     histogram.iter_mut().for_each(|n| *n = (*n).min(limit) + clipped / 256);
     let rest = clipped % 256;
-    if rest > 0 {
-        histogram.iter_mut().step_by((256 / rest).max(1)).take(rest).for_each(|n| *n += 1);
+    if let Some(step) = 256usize.checked_div(rest) {
+        histogram.iter_mut().step_by(step.max(1)).take(rest).for_each(|n| *n += 1);
     }
     let scale = 255.0 / pixels as f32;
     let mut sum = 0;
