@@ -1,18 +1,50 @@
-//! How near the truth the estimators come, over many rendered dives: the table of `docs/accuracy.md`.
+//! How near the truth the estimators come, over many rendered dives: the tables of `docs/accuracy.md`.
 //!
-//!     cargo run --release --example accuracy -- [SEEDS [CASE [SETTINGS.toml]]]
+//!     cargo run --release --example accuracy -- [--json] [SEEDS [CASE,CASE… [SETTINGS.toml]]]
+//!
+//! A case is named by how it begins.
+//! With `--json` one line of JSON per dive and per goal instead of tables.
+#[path = "accuracy/goals.rs"]
+mod goals;
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use support::judge::{Verdict, run};
+use goals::{drop_outs, held};
+use support::judge::{Verdict, pictures, run_and_show, shown_again, unbend};
 use support::render::{Dive, Sensor, Truth};
-use unwater::config::{Config, Estimator, Spreading, Switch};
+use support::same_point::{Ground, Shown};
+use unwater::config::{Config, Estimator, ImageFormat, Method, Spreading, Switch};
+use unwater::image::LinearImage;
 use unwater::pipeline::Options;
 use unwater::units::Stamp;
 
-type Judged = (Verdict, Truth);
+/// What one dive showed. The truth's pictures are not kept.
+pub struct Outcome {
+    verdict: Verdict,
+    true_attenuation_per_m: [f64; 3],
+    raw: Shown,
+    shown: Shown,
+    others: Vec<(&'static str, Shown)>,
+    /// frames at half power
+    halved: Vec<i64>,
+    strobe_off_m: f64,
+    followed_within: f64,
+}
+
+impl Outcome {
+    /// What another method showed of the same dive.
+    fn of(&self, method: &str) -> Option<&Shown> {
+        self.others.iter().find(|(name, _)| *name == method).map(|(_, shown)| shown)
+    }
+}
+
+/// A dive after all is measured.
+pub struct Judged(pub Outcome);
+
 /// What a case shows beside the columns that all have.
 type Extra = fn(&[Judged]) -> String;
 
@@ -21,85 +53,189 @@ struct Case {
     dive: fn(u64) -> Dive,
     change: fn(&mut Config),
     extra: Extra,
+    /// the baselines too: a run of pass two each
+    compared: bool,
 }
 
 fn plain(seed: u64) -> Dive {
     Dive { seed, frames: 40, ..Dive::default() }
 }
 
+/// A case with no more than its name and its dive.
+const fn case(name: &'static str, dive: fn(u64) -> Dive) -> Case {
+    Case { name, dive, change: |_| {}, extra: |_| String::new(), compared: false }
+}
+
 const CASES: &[Case] = &[
-    Case { name: "16-bit Bayer, clear", dive: plain, change: |_| {}, extra: |_| String::new() },
-    Case { name: "JPEG q92, clear", dive: |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
-    Case { name: "the paper's pairs", dive: plain, change: |c| c.estimate.estimator = Estimator::Pairs, extra: |_| String::new() },
-    Case { name: "exponent fitted", dive: plain, change: |c| c.estimate.spreading = Spreading::Fit, extra: exponents },
-    Case { name: "strobe not given", dive: |s| Dive { with_strobe_mount: false, ..plain(s) }, change: |_| {}, extra: strobe_found },
-    Case { name: "5 % at half power", dive: |s| Dive { half_power_frames: 0.05, ..plain(s) }, change: |_| {}, extra: drop_outs },
-    Case { name: "gains 1 to 1/8, told", dive: |s| Dive { gain_channel: Some(s % 2 == 0), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
-    Case { name: "backscatter 10 %", dive: |s| Dive { backscatter: 0.1, ..plain(s) }, change: |_| {}, extra: modelled },
+    Case { compared: true, ..case("16-bit Bayer, clear", plain) },
+    Case { compared: true, ..case("JPEG q92, clear", |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }) },
+    Case { change: |c| c.estimate.estimator = Estimator::Pairs, ..case("the paper's pairs", plain) },
+    Case { change: |c| c.estimate.spreading = Spreading::Fit, extra: exponents, ..case("exponent fitted", plain) },
+    Case { extra: strobe_found, ..case("strobe not given", |s| Dive { with_strobe_mount: false, ..plain(s) }) },
+    Case { extra: dropped_out, ..case("5 % at half power", |s| Dive { half_power_frames: 0.05, ..plain(s) }) },
+    case("gains 1 to 1/8, told", |s| Dive { gain_channel: Some(s % 2 == 0), ..plain(s) }),
+    Case { extra: modelled, ..case("backscatter 10 %", |s| Dive { backscatter: 0.1, ..plain(s) }) },
     Case {
-        name: "the same, `--backscatter off`",
-        dive: |s| Dive { backscatter: 0.1, ..plain(s) },
         change: |c| c.estimate.backscatter = Switch::Off,
         extra: modelled,
+        ..case("the same, `--backscatter off`", |s| Dive { backscatter: 0.1, ..plain(s) })
     },
-    Case { name: "backscatter 30 %", dive: |s| Dive { backscatter: 0.3, ..plain(s) }, change: |_| {}, extra: modelled },
-    Case { name: "α drifts by 30 %", dive: |s| Dive { attenuation_drift: 0.3, ..plain(s) }, change: |_| {}, extra: followed },
-    Case { name: "ridges of 0.15 m", dive: |s| Dive { relief_m: 0.15, ..plain(s) }, change: |_| {}, extra: |_| String::new() },
-    Case {
-        name: "the same ridges, a plane",
-        dive: |s| Dive { relief_m: 0.15, ..plain(s) },
-        change: |c| c.seafloor.relief = Switch::Off,
-        extra: |_| String::new(),
-    },
-    Case { name: "two strobes", dive: |s| Dive { second_strobe: true, ..plain(s) }, change: |_| {}, extra: |_| String::new() },
-    Case { name: "slope 15°", dive: |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }, change: |_| {}, extra: |_| String::new() },
+    Case { extra: modelled, ..case("backscatter 30 %", |s| Dive { backscatter: 0.3, ..plain(s) }) },
+    Case { extra: followed, ..case("α drifts by 30 %", |s| Dive { attenuation_drift: 0.3, ..plain(s) }) },
+    case("ridges of 0.15 m", |s| Dive { relief_m: 0.15, ..plain(s) }),
+    Case { change: |c| c.seafloor.relief = Switch::Off, ..case("the same ridges, a plane", |s| Dive { relief_m: 0.15, ..plain(s) }) },
+    case("two strobes", |s| Dive { second_strobe: true, ..plain(s) }),
+    case("slope 15°", |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }),
+];
+
+/// The baselines and their words.
+const BASELINES: &[(&str, Method)] = &[
+    ("frame-average", Method::FrameAverage),
+    ("range-average", Method::RangeAverage),
+    ("grey-world", Method::GreyWorld),
+    ("white-patch", Method::WhitePatch),
+    ("homomorphic", Method::Homomorphic),
+    ("homomorphic-surface", Method::HomomorphicSurface),
+    ("ahe", Method::Ahe),
 ];
 
 fn main() {
-    let argument = |n: usize| std::env::args().nth(n);
-    let seeds: u64 = argument(1).and_then(|n| n.parse().ok()).unwrap_or(8);
-    let wanted = argument(2).unwrap_or_default();
-    let base = argument(3).map(|path| Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings")).unwrap_or_default();
-    println!(
-        "| case ({seeds} seeds) | mean error of α R, G, B | largest | largest of α_R − α_G, α_G − α_B | log BP RMSE | reflectance, median error | 95 % holds | identified | |"
-    );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    let (flags, words): (Vec<String>, Vec<String>) = std::env::args().skip(1).partition(|word| word.starts_with("--"));
+    let json = flags.iter().any(|flag| flag == "--json");
+    let seeds: u64 = words.first().and_then(|n| n.parse().ok()).unwrap_or(8);
+    let wanted = words.get(1).cloned().unwrap_or_default();
+    let base = words.get(2).map(|path| Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings")).unwrap_or_default();
     let folder = std::env::temp_dir().join(format!("unwater-accuracy-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    for case in CASES.iter().filter(|c| c.name.starts_with(&wanted)) {
+    if !json {
+        println!(
+            "| case ({seeds} seeds) | mean error of α R, G, B | largest | largest of α_R − α_G, α_G − α_B | log BP RMSE | reflectance, median error | 95 % holds | identified | |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+        );
+    }
+    let mut done: Vec<(&'static str, Vec<Judged>)> = Vec::new();
+    for case in CASES.iter().filter(|c| wanted.split(',').any(|begins| c.name.starts_with(begins))) {
         let mut options = Options { config: base.clone(), ..Options::default() };
         (case.change)(&mut options.config);
         options.threads = 1;
         let judged = on_all_cores(seeds, |seed| {
             let own = folder.join(seed.to_string());
             std::fs::create_dir_all(&own).expect("a folder");
-            let judged = run(&(case.dive)(seed), &options, &own);
+            let judged = judged(&(case.dive)(seed), &options, case.compared, &own);
             std::fs::remove_dir_all(own).expect("an emptied folder");
             judged
         });
-        let n = judged.len() as f64;
-        let mean = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|(v, _)| f(v)).sum::<f64>() / n;
-        let largest = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|(v, _)| f(v).abs()).fold(0.0, f64::max);
-        let error = |v: &Verdict, b: usize| v.attenuation_error_per_m[b];
-        let list = |values: Vec<f64>, digits: usize| values.iter().map(|v| format!("{v:.digits$}")).collect::<Vec<_>>().join(", ");
-        let held: usize = judged
-            .iter()
-            .map(|(v, _)| v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count())
-            .sum();
-        println!(
-            "| {} | {} | {} | {} | {:.3} | {} | {:.0} % | {} of {n} | {} |",
-            case.name,
-            list((0..3).map(|b| mean(&|v| error(v, b))).collect(), 4),
-            list((0..3).map(|b| largest(&|v| error(v, b))).collect(), 4),
-            list((0..2).map(|b| largest(&|v| error(v, b) - error(v, b + 1))).collect(), 4),
-            mean(&|v| v.beam_log_rmse),
-            list((0..3).map(|b| mean(&|v| v.reflectance_error[b])).collect(), 3),
-            100.0 * held as f64 / (3.0 * n),
-            judged.iter().filter(|(v, _)| v.model.identified).count(),
-            (case.extra)(&judged),
-        );
+        if json {
+            print_json(case, &judged);
+        } else {
+            print_estimates(case, &judged);
+        }
+        done.push((case.name, judged));
     }
+    if !json {
+        print_pictures(&done);
+    }
+    goals::print(&done, json);
     let _gone = std::fs::remove_dir_all(folder);
+}
+
+/// Renders, corrects, measures; with the baselines where they are wanted.
+fn judged(dive: &Dive, options: &Options, compared: bool, folder: &Path) -> Judged {
+    let (verdict, truth, corrected) = run_and_show(dive, options, folder);
+    let raw = pictures(&folder.join("dive.mcap"), &verdict.report.camera_topic);
+    let ground = Ground::of(dive, &truth, &raw);
+    let shown = |pictures: &[LinearImage]| ground.shown(dive, &truth, pictures);
+    let mut others = Vec::new();
+    if compared {
+        let mut deep = options.clone();
+        deep.config.render.depth = 16;
+        for (name, method) in BASELINES {
+            deep.config.render.method = *method;
+            others.push((*name, shown(&shown_again(&verdict.model, &deep, folder))));
+        }
+        let mut eight = options.clone();
+        (eight.config.render.depth, eight.config.render.image_format) = (8, ImageFormat::Png);
+        let mut in_codes = shown_again(&verdict.model, &eight, folder);
+        unbend(&mut in_codes, eight.config.render.shoulder_from);
+        others.push(("8 bit out", shown(&in_codes)));
+        let of_truth = ground.floor(&truth);
+        let (scatter, scatter_over_spread) = of_truth.iter().map(|(within, between)| (*within, within / between)).unzip();
+        others.push(("the truth itself", Shown { scatter, scatter_over_spread, ..Shown::default() }));
+    }
+    Judged(Outcome {
+        true_attenuation_per_m: truth.attenuation_per_m,
+        raw: shown(&raw),
+        shown: shown(&corrected),
+        others,
+        halved: truth.frames.iter().filter(|f| f.gain < 1.0).map(|f| f.stamp_ns as i64).collect(),
+        strobe_off_m: strobe_off_in(&verdict, &truth),
+        followed_within: followed_in(&verdict, &truth),
+        verdict,
+    })
+}
+
+fn list(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
+    values.into_iter().map(|v| format!("{v:.digits$}")).collect::<Vec<_>>().join(", ")
+}
+
+fn print_estimates(case: &Case, judged: &[Judged]) {
+    let n = judged.len() as f64;
+    let mean = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|j| f(&j.0.verdict)).sum::<f64>() / n;
+    let largest = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|j| f(&j.0.verdict).abs()).fold(0.0, f64::max);
+    let error = |v: &Verdict, b: usize| v.attenuation_error_per_m[b];
+    println!(
+        "| {} | {} | {} | {} | {:.3} | {} | {:.0} % | {} of {n} | {} |",
+        case.name,
+        list((0..3).map(|b| mean(&|v| error(v, b))), 4),
+        list((0..3).map(|b| largest(&|v| error(v, b))), 4),
+        list((0..2).map(|b| largest(&|v| error(v, b) - error(v, b + 1))), 4),
+        mean(&|v| v.beam_log_rmse),
+        list((0..3).map(|b| mean(&|v| v.reflectance_error[b])), 3),
+        100.0 * held(judged),
+        judged.iter().filter(|j| j.0.verdict.model.identified).count(),
+        (case.extra)(judged),
+    );
+}
+
+/// What the pictures show, raw, corrected and by others: means over the seeds.
+fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
+    println!(
+        "\n| case | pictures | same-point scatter R, G, B | over between-point spread | ΔE00, median | 95 % |\n| --- | --- | --- | --- | --- | --- |"
+    );
+    for (case, judged) in done {
+        let row = |what: &str, of: &dyn Fn(&Outcome) -> Option<Shown>| {
+            let all: Vec<Shown> = judged.iter().filter_map(|j| of(&j.0)).collect();
+            if all.is_empty() {
+                return;
+            }
+            let mean = |f: &dyn Fn(&Shown) -> f64| all.iter().map(f).sum::<f64>() / all.len() as f64;
+            println!(
+                "| {case} | {what} | {} | {} | {:.2} | {:.2} |",
+                list((0..3).map(|b| mean(&|s| s.scatter[b])), 3),
+                list((0..3).map(|b| mean(&|s| s.scatter_over_spread[b])), 3),
+                mean(&|s| s.delta_e_median),
+                mean(&|s| s.delta_e_95),
+            );
+        };
+        row("raw", &|o| Some(o.raw.clone()));
+        row("corrected", &|o| Some(o.shown.clone()));
+        for name in judged.first().map(|j| j.0.others.iter().map(|(name, _)| *name).collect::<Vec<_>>()).unwrap_or_default() {
+            row(name, &|o| o.of(name).cloned());
+        }
+    }
+}
+
+fn print_json(case: &Case, judged: &[Judged]) {
+    for (seed, Judged(o)) in (1..).zip(judged) {
+        let others: BTreeMap<&str, &Shown> = o.others.iter().map(|(name, shown)| (*name, shown)).collect();
+        let v = &o.verdict;
+        let line = serde_json::json!({
+            "case": case.name, "seed": seed, "identified": v.model.identified,
+            "attenuation_error_per_m": v.attenuation_error_per_m, "attenuation_std_per_m": v.attenuation_std_per_m,
+            "beam_log_rmse": v.beam_log_rmse, "reflectance_error": v.reflectance_error,
+            "raw": o.raw, "corrected": o.shown, "others": others,
+        });
+        println!("{line}");
+    }
 }
 
 /// A dive a core; the results in the order of the seeds.
@@ -124,47 +260,59 @@ fn on_all_cores(seeds: u64, work: impl Fn(u64) -> Judged + Sync) -> Vec<Judged> 
     done.into_iter().map(|(_, judged)| judged).collect()
 }
 
+fn exponent_off(o: &Outcome) -> f64 {
+    o.verdict.model.spreading_exponents.map_or(f64::NAN, |e| (e[0] - 2.0).abs())
+}
+
 fn exponents(judged: &[Judged]) -> String {
-    let off = judged.iter().filter_map(|(v, _)| Some((v.model.spreading_exponents?[0] - 2.0).abs()));
-    format!("exponent off by {:.3} at most", off.fold(0.0, f64::max))
+    format!("exponent off by {:.3} at most", judged.iter().map(|j| exponent_off(&j.0)).fold(0.0, f64::max))
+}
+
+fn strobe_off(o: &Outcome) -> f64 {
+    o.strobe_off_m
+}
+
+/// How far from its place the strobe is taken to be [m].
+fn strobe_off_in(v: &Verdict, truth: &Truth) -> f64 {
+    // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
+    let s: Vec<f64> = truth.strobe_position_in_base.iter().zip([0.34, -0.10, -0.12]).map(|(s, c)| s - c).collect();
+    let found = v.model.strobe.as_ref().map_or([f64::NAN; 3], |s| s.position_in_optical_m);
+    found.iter().zip([-s[1], -s[0], -s[2]]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 fn strobe_found(judged: &[Judged]) -> String {
-    let off = judged.iter().map(|(v, truth)| {
-        // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
-        let s: Vec<f64> = truth.strobe_position_in_base.iter().zip([0.34, -0.10, -0.12]).map(|(s, c)| s - c).collect();
-        let found = v.model.strobe.as_ref().map_or([f64::NAN; 3], |s| s.position_in_optical_m);
-        found.iter().zip([-s[1], -s[0], -s[2]]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-    });
-    let off: Vec<f64> = off.collect();
+    let off: Vec<f64> = judged.iter().map(|j| strobe_off(&j.0)).collect();
     format!("found within {:.3} m at most, {:.3} m in the mean", off.iter().copied().fold(0.0, f64::max), off.iter().sum::<f64>() / off.len() as f64)
 }
 
-fn drop_outs(judged: &[Judged]) -> String {
-    let (mut there, mut found, mut false_alarms) = (0, 0, 0);
-    for (v, truth) in judged {
-        let halved: Vec<i64> = truth.frames.iter().filter(|f| f.gain < 1.0).map(|f| f.stamp_ns as i64).collect();
-        there += halved.len();
-        found += v.model.frame_gains.iter().filter(|g| halved.contains(&g.stamp_ns)).count();
-        false_alarms += v.model.frame_gains.iter().filter(|g| !halved.contains(&g.stamp_ns)).count();
-    }
+fn dropped_out(judged: &[Judged]) -> String {
+    let (there, found, false_alarms) = drop_outs(judged);
     format!("{found} of {there} found, {false_alarms} false")
 }
 
 fn modelled(judged: &[Judged]) -> String {
-    format!("modelled in {}", judged.iter().filter(|(v, _)| v.model.backscatter.is_some()).count())
+    format!("modelled in {}", judged.iter().filter(|j| j.0.verdict.model.backscatter.is_some()).count())
+}
+
+fn followed_within(o: &Outcome) -> f64 {
+    o.followed_within
+}
+
+/// The largest error of α of any frame, relative.
+fn followed_in(v: &Verdict, truth: &Truth) -> f64 {
+    let mut largest = 0.0f64;
+    for f in &truth.frames {
+        let at = v.model.segments.at(Stamp(f.stamp_ns as i64));
+        for b in 0..3 {
+            let alpha = at.map_or(v.model.attenuation_per_m[b], |at| at[b]);
+            largest = largest.max((alpha / f.attenuation_per_m[b] - 1.0).abs());
+        }
+    }
+    largest
 }
 
 fn followed(judged: &[Judged]) -> String {
-    let mut largest = 0.0f64;
-    for (v, truth) in judged {
-        for f in &truth.frames {
-            let at = v.model.segments.at(Stamp(f.stamp_ns as i64));
-            for b in 0..3 {
-                let alpha = at.map_or(v.model.attenuation_per_m[b], |at| at[b]);
-                largest = largest.max((alpha / f.attenuation_per_m[b] - 1.0).abs());
-            }
-        }
-    }
-    format!("α of any frame within {:.0} %; followed in {}", 100.0 * largest, judged.iter().filter(|(v, _)| !v.model.segments.0.is_empty()).count())
+    let largest = judged.iter().map(|j| followed_within(&j.0)).fold(0.0, f64::max);
+    let in_segments = judged.iter().filter(|j| !j.0.verdict.model.segments.0.is_empty()).count();
+    format!("α of any frame within {:.0} %; followed in {in_segments}", 100.0 * largest)
 }

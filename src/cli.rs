@@ -219,12 +219,15 @@ pub struct EstimateOptions {
 #[derive(Debug, Args, Default)]
 #[command(next_help_heading = "Correcting and writing")]
 pub struct RenderOptions {
-    /// What is removed (Fig. 10, Eq. 14 of the paper)
+    /// What is removed (Fig. 10 of the paper); or a baseline to compare with (Fig. 4)
     #[arg(long, value_enum, value_name = "NAME")]
     pub method: Option<Method>,
     /// Undo lens distortion as well
     #[arg(long)]
     pub rectify: bool,
+    /// Add a picture of bits beside each corrected one: clipped, gain capped, off the surface, unseen beam
+    #[arg(long)]
+    pub mask: bool,
     /// Container of corrected images
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub image_format: Option<ImageFormat>,
@@ -273,7 +276,7 @@ impl Shared {
         let rig = match &self.rig {
             None => RigFile::default(),
             Some(path) => toml::from_str(&read(path)?).map_err(|e| {
-                let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio ranges min_range_m max_range_m bad_values topic path valid_path unit_m medium vignetting flat_field time_offset_s translation_m rotation_xyzw roll_pitch_yaw_deg";
+                let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio ranges min_range_m max_range_m bad_values topic path valid_path unit_m medium vignetting flat_field response full_well_e read_noise_e time_offset_s translation_m rotation_xyzw roll_pitch_yaw_deg";
                 Error::BadFile { path: path.clone(), what: "a fact", reason: with_nearest_key(&e, known.split(' ')) }
             })?,
         };
@@ -296,6 +299,7 @@ impl Shared {
         set(&mut config.output.encoding, render.output_encoding);
         set(&mut config.output.compression, render.compression);
         config.render.rectify |= render.rectify;
+        config.render.mask |= render.mask;
         config.output.drop_raw |= render.drop_raw;
         if render.only.is_some() {
             config.output.only.clone_from(&render.only);

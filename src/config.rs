@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::image::transfer::Transfer;
+use crate::image::transfer::{Shoulder, Transfer};
 
 /// All choices.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -204,8 +204,32 @@ pub enum Method {
     Attenuation,
     /// the strobe's pattern alone (Fig. 10, bottom left)
     BeamPattern,
-    /// the mean of the frames that pass one saw, as the literature has it (Eq. 14)
+    /// baseline, for comparison: divides by the mean of the frames that pass one saw (Eq. 14)
     FrameAverage,
+    /// baseline, for comparison: divides by the mean of the frames at the same height
+    RangeAverage,
+    /// baseline, for comparison: the mean of each frame is grey
+    GreyWorld,
+    /// baseline, for comparison: the brightest of each frame is white
+    WhitePatch,
+    /// baseline, for comparison: takes off what is broad in each frame's log (Eq. 12)
+    Homomorphic,
+    /// baseline, for comparison: takes off a smooth surface fitted to each frame's log
+    HomomorphicSurface,
+    /// baseline, for comparison: contrast-limited adaptive histogram equalisation of each frame
+    Ahe,
+}
+
+impl Method {
+    /// Whether it is there for comparison alone: it takes statistics of frames, not the water.
+    pub fn is_baseline(self) -> bool {
+        !matches!(self, Self::Full | Self::Attenuation | Self::BeamPattern)
+    }
+
+    /// Whether it needs mean frames of the whole log.
+    pub fn needs_mean_frames(self) -> bool {
+        matches!(self, Self::FrameAverage | Self::RangeAverage)
+    }
 }
 
 /// Container of corrected pictures.
@@ -248,8 +272,11 @@ pub struct RenderConfig {
     pub white_balance: WhiteBalance,
     pub highlight_quantile: f64,
     pub highlight_level: f64,
+    pub shoulder_from: f64,
     pub gain_cap: f64,
+    pub least_signal_to_noise: f64,
     pub gain_step_px: usize,
+    pub mask: bool,
     pub rectify: bool,
     pub image_format: ImageFormat,
     pub jpeg_quality: u8,
@@ -263,8 +290,11 @@ impl Default for RenderConfig {
             white_balance: WhiteBalance::GreyWorld,
             highlight_quantile: 0.995,
             highlight_level: 0.75,
+            shoulder_from: 0.75,
             gain_cap: 8.0,
+            least_signal_to_noise: 10.0,
             gain_step_px: 4,
+            mask: false,
             rectify: false,
             image_format: ImageFormat::Auto,
             jpeg_quality: 95,
@@ -371,12 +401,15 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.rounds", "count", "reweightings of the robust solve";
     "estimate.least_pairs", "count", "fewer matches do not hold three coefficients and a beam pattern";
     "estimate.least_altitude_spread", "ratio", "highest over lowest altitude below which attenuation is not identified";
-    "render.method", "full | attenuation | beam-pattern | frame-average", "what is removed (Fig. 10, Eq. 14)";
+    "render.method", "full | attenuation | beam-pattern | frame-average | range-average | grey-world | white-patch | homomorphic | homomorphic-surface | ahe", "what is removed (Fig. 10); from frame-average on they are baselines, for comparison (Fig. 4, Eq. 12 to 14)";
     "render.white_balance", "grey-world | none | [r, g, b]", "one per log, never per image";
     "render.highlight_quantile", "share", "one exposure per log: this share of the seafloor stays below highlight_level";
     "render.highlight_level", "share of white", "room above for single bright pixels";
+    "render.shoulder_from", "share of white", "above it 8-bit pictures bend towards white instead of being cut off there; 1 cuts off. 16-bit ones are never bent";
     "render.gain_cap", "times the log's median gain", "beyond it a picture would show noise, not seafloor";
+    "render.least_signal_to_noise", "1", "pixels whose light is less than this many times its known noise are counted in low_signal_share: a tenth of the value is noise there";
     "render.gain_step_px", "px", "the gain is evaluated on this grid and interpolated; within 0.2 %";
+    "render.mask", "true | false", "a picture of bits beside each corrected one: clipped, gain capped, off the surface, unseen beam";
     "render.rectify", "true | false", "undo lens distortion as well (Fig. 2)";
     "render.image_format", "auto | jpeg | png | raw | same", "auto: PNG where the source is PNG or depth is 16, else JPEG";
     "render.jpeg_quality", "1 to 100", "95 hides nothing";
@@ -387,6 +420,13 @@ pub const SETTINGS: &[Setting] = settings![
     "output.drop_raw", "true | false", "leave out the corrected camera's own images";
     "output.only", "regex", "keep only topics that match; what unwater adds stays";
 ];
+
+impl RenderConfig {
+    /// Corrected light from which on all is shown alike.
+    pub fn white(&self) -> f64 {
+        if self.depth == 16 { 1.0 } else { Shoulder { from: self.shoulder_from }.white() }
+    }
+}
 
 impl Config {
     /// Reads a TOML file's text.
@@ -436,6 +476,7 @@ impl Config {
             (self.estimate.max_frames >= 2, "estimate.max_frames must be at least 2"),
             ((1..=100).contains(&self.render.jpeg_quality), "render.jpeg_quality must lie in 1 to 100"),
             (matches!(self.render.depth, 8 | 16), "render.depth must be 8 or 16"),
+            ((0.1..=1.0).contains(&self.render.shoulder_from), "render.shoulder_from must lie in 0.1 to 1"),
             (self.render.gain_cap > 1.0, "render.gain_cap must be above 1"),
             ((2..=64).contains(&self.render.gain_step_px), "render.gain_step_px must lie in 2 to 64"),
             (

@@ -52,9 +52,9 @@ fn floats(json: &Json) -> Vec<f64> {
 
 fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expected: &Json) {
     // Codes as they are first: the transfer curve is undone by `auto` below.
-    let codes = decode(picture, Light { transfer: Transfer::Linear, white_level: None }).expect(file);
+    let codes = decode(picture, Light { transfer: Transfer::Linear, ..Light::default() }).expect(file);
     let white = white_level(codes.coding.bits_used);
-    let codes = decode(picture, Light { transfer: Transfer::Linear, white_level: Some(white) }).expect(file);
+    let codes = decode(picture, Light { transfer: Transfer::Linear, white_level: Some(white), ..Light::default() }).expect(file);
     let automatic = decode(picture, Light::default()).expect(file);
     assert_eq!(automatic.coding.transfer == Transfer::Linear, expected["linear"].as_bool().expect("linear"), "{file}: transfer");
     assert_eq!(u64::from(codes.coding.bits), expected["bits"].as_u64().expect("bits"), "{file}: bits");

@@ -175,6 +175,40 @@ fn what_the_lens_takes_is_given_back() {
     assert!(untold.reflectance_error[1] > 1.2 * v.reflectance_error[1], "{:?} and {:?}", untold.reflectance_error, v.reflectance_error);
 }
 
+/// Codes of a response that no named curve has: with the table α comes out, without it does not.
+#[test]
+fn a_cameras_own_response_is_undone_by_its_table() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let dive = Dive { seed: 151, frames: 28, ..Dive::default() };
+    let code_of = |light: f64| 0.15 * light + 0.85 * light.powf(0.55);
+    let path = folder.path().join("dive.mcap");
+    let truth = dive.write(&path);
+    support::transcode::with_pixels(&path, "/camera/image_raw", 2 * dive.width * dive.height, |codes| {
+        for code in codes.chunks_exact_mut(2) {
+            let light = f64::from(u16::from_le_bytes([code[0], code[1]]) >> 4) / 4095.0;
+            code.copy_from_slice(&(((code_of(light) * 4095.0).round() as u16) << 4).to_le_bytes());
+        }
+    });
+    let points = (0..=64).map(|i| f64::from(i) / 64.0).map(|t| t * t).map(|light| format!("[{:.6}, {light:.6}]", code_of(light)));
+    let inline = format!("[camera]\nresponse = [{}]\n", points.clone().collect::<Vec<_>>().join(", "));
+    let csv = folder.path().join("response.csv");
+    std::fs::write(&csv, points.map(|p| p.trim_matches(['[', ']']).to_string() + "\n").collect::<String>()).expect("a table");
+    let by_path = format!("[camera]\nresponse = {:?}\n", csv.display().to_string());
+    let alpha = |rig: &str| {
+        let options = Options { rig: toml::from_str(rig).expect("a rig"), ..Options::default() };
+        unwater::pipeline::estimate_logs(&[&path], &options, &unwater::pipeline::Silent).expect("a model").0.attenuation_per_m
+    };
+    let (told, from_file, untold) = (alpha(&inline), alpha(&by_path), alpha(""));
+    assert_eq!(told, from_file);
+    for (b, ought) in truth.attenuation_per_m.iter().enumerate() {
+        assert!((told[b] - ought).abs() < 0.006, "band {b}: {:.4} for {ought}", told[b]);
+        assert!((untold[b] - ought).abs() > 0.02, "band {b}: {:.4} without the table", untold[b]);
+    }
+    let wrong = Options { rig: toml::from_str("[camera]\nresponse = [[0.0, 0.0], [0.5, 0.7], [1.0, 0.6]]").expect("a rig"), ..Options::default() };
+    let error = unwater::pipeline::estimate_logs(&[&path], &wrong, &unwater::pipeline::Silent).expect_err("it falls").to_string();
+    assert!(error.contains("camera.response") && error.contains("[1, 0.6]"), "{error}");
+}
+
 /// Whether a gain is a factor or counts decibels no message says; the pictures do.
 #[test]
 fn gains_told_on_a_channel_are_taken_out() {

@@ -4,9 +4,10 @@
 //! pattern's bilinear grid has an edge: at 4 px, 0.2 % at most for a beam that falls to a half within 17°. Cells with a corner off the floor, or
 //! over which the gain changes by a tenth (towards the horizon), are evaluated pixel by pixel.
 
-use super::{Correction, FrameFacts, log_removed};
-use crate::geometry::View;
+use super::{Correction, FrameFacts, log_removed, mask};
+use crate::geometry::{LightPath, View};
 use crate::image::SensorImage;
+use crate::image::noise::Noise;
 
 /// A cell over which the gain changes by more than this factor is not interpolated.
 const STEEP: f32 = 1.1;
@@ -21,7 +22,9 @@ pub struct GainGrid<'g> {
     bands: usize,
     /// `rows × columns × bands`; NaN off the floor
     gains: Vec<f32>,
-    /// the same, of light that the water scattered back; empty where none is modelled
+    /// bits of the mask, by node
+    bits: Vec<u8>,
+    /// the same as `gains`, of light that the water scattered back; empty where none is modelled
     scattered: Vec<f32>,
     facts: FrameFacts,
 }
@@ -39,6 +42,7 @@ impl<'g> GainGrid<'g> {
             rows,
             bands,
             gains: vec![f32::NAN; columns * rows * bands],
+            bits: vec![mask::OFF_SURFACE; columns * rows],
             scattered: Vec::new(),
             facts: FrameFacts::default(),
         };
@@ -57,9 +61,11 @@ impl<'g> GainGrid<'g> {
                     let scattered = grid.scattered((column * step) as f64, (row * step) as f64, &path);
                     grid.scattered[start..start + bands].copy_from_slice(&scattered[..bands]);
                 }
+                let bits = grid.bits_of(is_capped, &path);
+                grid.bits[row * columns + column] = bits;
                 met += 1;
                 capped += usize::from(is_capped);
-                unseen += usize::from(!path.all_angles().all(|a| correction.model.beam_pattern.is_seen(a)));
+                unseen += usize::from(bits & mask::UNSEEN_BEAM != 0);
                 (shortest, longest) = (shortest.min(path.length_m()), longest.max(path.length_m()));
                 sum += path.length_m();
                 gain_sum += f64::from(gain[..bands].iter().sum::<f32>()) / bands as f64;
@@ -77,6 +83,50 @@ impl<'g> GainGrid<'g> {
             ..FrameFacts::default()
         };
         grid
+    }
+
+    fn bits_of(&self, is_capped: bool, path: &LightPath) -> u8 {
+        let unseen = !path.all_angles().all(|a| self.correction.model.beam_pattern.is_seen(a));
+        // A baseline has no gain that could be held.
+        let capped = is_capped && !self.correction.config.method.is_baseline();
+        (u8::from(capped) * mask::CAPPED) | (u8::from(unseen) * mask::UNSEEN_BEAM)
+    }
+
+    /// Adds the bits of every pixel to a mask: those of its cell's corners where they agree, its own elsewhere.
+    pub fn mark(&self, mask: &mut [u8], width: usize) {
+        for (i, bits) in mask.iter_mut().enumerate() {
+            let (x, y) = (i % width, i / width);
+            let (row, column) = (y / self.step, x / self.step);
+            let node = |row: usize, column: usize| self.bits[row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)];
+            let corners = [node(row, column), node(row, column + 1), node(row + 1, column), node(row + 1, column + 1)];
+            *bits |= if corners.iter().all(|c| *c == corners[0]) {
+                corners[0]
+            } else {
+                let own = |path: LightPath| self.bits_of(self.gain(&path).1, &path);
+                self.view.light_path(x as f64, y as f64).map_or(mask::OFF_SURFACE, own)
+            };
+        }
+    }
+
+    /// Share of the picture that shows the floor with less light than `least_signal_to_noise` times its noise, in any of the
+    /// bands a pixel has. Taken at a pixel beside each node, such that a mosaic's bands have their turns. Gains do not
+    /// matter: they make the noise as much larger as the light.
+    pub fn low_signal_share(&self, raw: &SensorImage, frame_gain: f64, noise: &Noise) -> f64 {
+        let light = &raw.light;
+        let mut low = 0usize;
+        for i in 0..self.columns * self.rows {
+            let (column, row) = (i % self.columns, i / self.columns);
+            let (x, y) = ((column * self.step + column % 2).min(light.width - 1), (row * self.step + row % 2).min(light.height - 1));
+            let is_low = |(b, value): (usize, &f32)| {
+                let band = raw.mosaic.map_or(b, |phase| phase.band(x, y));
+                let scattered = self.scattered.get(i * self.bands + band).copied().unwrap_or(0.0);
+                // Noise is that of the light as it was measured, before the frame's own gain was taken out.
+                let std = noise.std(f64::from(*value) * frame_gain) / frame_gain;
+                f64::from(*value - scattered) < self.correction.config.least_signal_to_noise * std
+            };
+            low += usize::from(self.bits[i] & mask::OFF_SURFACE == 0 && light.at(x, y).iter().enumerate().any(is_low));
+        }
+        low as f64 / (self.columns * self.rows) as f64
     }
 
     /// Whether a cell has a corner off the floor, or changes too much to be interpolated.
@@ -98,7 +148,7 @@ impl<'g> GainGrid<'g> {
     }
 
     /// Gain of one way of light per band, and whether the cap holds it. All bands give way together: hue stays.
-    fn gain(&self, path: &crate::geometry::LightPath) -> ([f32; 3], bool) {
+    fn gain(&self, path: &LightPath) -> ([f32; 3], bool) {
         let rendering = self.correction.rendering;
         let removed: [f64; 3] = std::array::from_fn(|b| {
             if b < self.bands { (-log_removed(self.correction.config.method, self.correction.model, path, b)).exp() } else { 0.0 }
@@ -109,7 +159,7 @@ impl<'g> GainGrid<'g> {
     }
 
     /// Light that the water scattered into a pixel.
-    fn scattered(&self, u: f64, v: f64, path: &crate::geometry::LightPath) -> [f32; 3] {
+    fn scattered(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
         let ray = self.view.camera.image_plane(u, v);
         let of_ray = |(x, y)| self.correction.glow.map(|(b, table)| b.light(&table.at(x, y, path.seafloor_to_camera_m)));
         ray.and_then(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))
@@ -175,6 +225,7 @@ impl<'g> GainGrid<'g> {
 mod tests {
     use super::*;
     use crate::config::{RenderConfig, Spreading};
+    use crate::correct::MeanFrames;
     use crate::geometry::{SeafloorPlane, Support};
     use crate::image::LinearImage;
     use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
@@ -196,8 +247,17 @@ mod tests {
             backscatter: None,
         };
         let config = RenderConfig { gain_cap: 1e30, ..RenderConfig::default() };
-        let rendering = RenderingFile { method: Default::default(), gain: vec![1.0; 3], median_correction: vec![1.0; 3], white_level: None };
-        let correction = Correction { model: &model, rendering: &rendering, config: &config, glow: None, frame_average: None, clipped_above: 1.0 };
+        let rendering =
+            RenderingFile { method: Default::default(), gain: vec![1.0; 3], median_correction: vec![1.0; 3], shoulder_from: None, white_level: None };
+        let correction = Correction {
+            model: &model,
+            rendering: &rendering,
+            config: &config,
+            glow: None,
+            means: &MeanFrames::default(),
+            clipped_above: 1.0,
+            electrons: Default::default(),
+        };
         let camera = Camera::from_field_of_view(643, 451, 55.0);
         for pitch_deg in [0.0, 25.0, 66.0f64] {
             let (sin, cos) = pitch_deg.to_radians().sin_cos();
@@ -218,7 +278,10 @@ mod tests {
             let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
             let mut image = SensorImage { light: LinearImage::new(643, 451, 3), mosaic: None };
             image.light.pixels.fill(1.0);
-            GainGrid::new(&correction, &view, 643, 451, 3).multiply(&mut image);
+            let grid = GainGrid::new(&correction, &view, 643, 451, 3);
+            let mut bits = vec![0; 643 * 451];
+            grid.mark(&mut bits, 643);
+            grid.multiply(&mut image);
             let image = image.light;
             let (mut worst, mut off) = (0f64, 0);
             for y in (0..451).step_by(3) {
@@ -230,7 +293,7 @@ mod tests {
                         }
                         Some(_) => {}
                         None => {
-                            assert_eq!(image.at(x, y), [0.0; 3]);
+                            assert_eq!((image.at(x, y), bits[y * 643 + x]), ([0.0; 3].as_slice(), mask::OFF_SURFACE));
                             off += 1;
                         }
                     }

@@ -4,20 +4,22 @@
 //! r_Λ = (c_Λ − B_Λ) / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
 //! ```
 //!
-//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; no statistic
-//! of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
+//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; but in `baselines`,
+//! which are there for comparison, no statistic of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
 //! evaluated on a coarse grid and interpolated: it is smooth, pixels are many. Where a ray never meets the floor
 //! there is no gain: the pixel stays black and is counted. Codecs do not live here.
 
-mod frame_average;
+mod baselines;
 mod gain;
+pub mod mask;
 mod rendering;
 
-pub use frame_average::FrameAverage;
+pub use baselines::MeanFrames;
 pub use rendering::rendering;
 
 use crate::config::{Method, RenderConfig};
 use crate::geometry::{LightPath, View};
+use crate::image::noise::{Electrons, Noise};
 use crate::image::{LinearImage, SensorImage};
 use crate::model::{Backscatter, GlowTable, ImagingModel, RenderingFile};
 use crate::vehicle::Camera;
@@ -34,10 +36,12 @@ pub struct Correction<'m> {
     pub config: &'m RenderConfig,
     /// backscatter and S_Λ, where the model has backscatter and the method takes it off
     pub glow: Option<(&'m Backscatter, &'m GlowTable)>,
-    /// the mean frame, where the method divides by that
-    pub frame_average: Option<&'m FrameAverage>,
+    /// mean frames, for the baselines that divide by them
+    pub means: &'m MeanFrames,
     /// input above this share of full scale counts as clipped
     pub clipped_above: f32,
+    /// the sensor's electrons, for the account of noise
+    pub electrons: Electrons,
 }
 
 /// What happened to one frame; shares are of its pixels.
@@ -53,7 +57,7 @@ pub struct FrameFacts {
     pub path_length_max_m: f64,
     /// input at full scale
     pub clipped_input_share: f64,
-    /// output over white
+    /// output that the highest code shows
     pub clipped_output_share: f64,
     /// gain held at the cap
     pub gain_capped_share: f64,
@@ -63,6 +67,8 @@ pub struct FrameFacts {
     pub unseen_beam_share: f64,
     /// mean factor from raw to corrected light
     pub mean_gain: f64,
+    /// light of the floor, less what the water scattered, too near its own noise
+    pub low_signal_share: f64,
 }
 
 /// A corrected frame: light where 1 is white, and what happened.
@@ -70,6 +76,8 @@ pub struct FrameFacts {
 pub struct Corrected {
     /// the picture
     pub image: LinearImage,
+    /// bits by pixel, where they are wanted
+    pub mask: Option<Vec<u8>>,
     /// what happened
     pub facts: FrameFacts,
 }
@@ -77,30 +85,44 @@ pub struct Corrected {
 impl Correction<'_> {
     /// Corrects one frame: a mosaic first, while each pixel is one band, then all bands. With the camera of a
     /// rectified picture, lens distortion is undone as well. `frame_gain` is the light this frame got over its neighbours'.
-    pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, frame_gain: f64, rectified: Option<&Camera>) -> Corrected {
+    pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, frame_gain: f64, rectified: Option<&Camera>, noise: &Noise) -> Corrected {
         let pixels = (raw.light.width * raw.light.height) as f64;
         let shares =
             |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
         let clipped_input_share = shares(&raw.light, self.clipped_above);
-        if frame_gain != 1.0 {
+        let mut mask = self.config.mask.then(|| mask::clipped(&raw, self.clipped_above));
+        let method = self.config.method;
+        // Baselines know nothing of gains, as the log does not say which frames are brighter for the light's sake.
+        if frame_gain != 1.0 && !method.is_baseline() {
             raw.light.pixels.iter_mut().for_each(|v| *v /= frame_gain as f32);
         }
         let grid = GainGrid::new(self, view, raw.light.width, raw.light.height, raw.bands());
-        let average = self.frame_average.filter(|_| self.config.method == Method::FrameAverage);
-        if average.is_none() {
+        let low_signal_share = grid.low_signal_share(&raw, if method.is_baseline() { 1.0 } else { frame_gain }, noise);
+        if let Some(mask) = &mut mask {
+            grid.mark(mask, raw.light.width);
+        }
+        if !method.is_baseline() {
             grid.multiply(&mut raw);
         }
         let mut image = raw.into_bands();
-        if let Some(average) = average {
-            average.divide(&mut image, &self.rendering.gain);
-        }
+        baselines::apply(method, &mut image, self.means, view.camera_altitude_m());
         if let Some(camera) = rectified {
             image = undistorted(&image, view.camera, camera);
+            mask = mask.map(|mask| mask::undistorted(&mask, view.camera, camera));
         }
-        let clipped_output_share = shares(&image, 1.0);
+        let clipped_output_share = shares(&image, self.config.white() as f32);
+        let of_gains = grid.facts();
+        let of_gains = if method.is_baseline() { FrameFacts { gain_capped_share: 0.0, mean_gain: f64::NAN, ..of_gains } } else { of_gains };
         Corrected {
             image,
-            facts: FrameFacts { camera_altitude_m: view.camera_altitude_m(), clipped_input_share, clipped_output_share, ..grid.facts() },
+            mask,
+            facts: FrameFacts {
+                camera_altitude_m: view.camera_altitude_m(),
+                clipped_input_share,
+                clipped_output_share,
+                low_signal_share,
+                ..of_gains
+            },
         }
     }
 }
@@ -108,9 +130,10 @@ impl Correction<'_> {
 /// Log of what a method divides out of one band for one way of light (Fig. 10).
 fn log_removed(method: Method, model: &ImagingModel, path: &LightPath, band: usize) -> f64 {
     match method {
-        Method::Full | Method::FrameAverage => model.log_light(path, band),
         Method::Attenuation => model.log_water(path, band) + model.spreading.log_light(path),
         Method::BeamPattern => model.log_light(path, band) - model.log_water(path, band) - model.log_geometry(path),
+        // Baselines divide nothing out; what full correction would have done stands in the facts.
+        _ => model.log_light(path, band),
     }
 }
 

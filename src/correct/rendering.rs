@@ -3,15 +3,13 @@
 //! Each method removes something else and so has its own. Never per image: what is brighter in the output is brighter on the seafloor.
 
 use super::log_removed;
-use crate::config::{Method, RenderConfig, WhiteBalance};
+use crate::config::{RenderConfig, WhiteBalance};
 use crate::geometry::LightPath;
 use crate::model::{ImagingModel, RenderingFile};
 
 /// Samples that need more than this factor over the median correction do not vote: far water beside an oblique
 /// camera would set the exposure of the seafloor.
 const FAR_FACTOR: f64 = 3.0;
-/// Light of a mean pixel where a frame is divided by the mean of all (Eq. 14) [share of white].
-const MEAN_LEVEL: f64 = 0.25;
 
 /// Chooses exposure and white balance from samples (log colour and way of light).
 pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_level: Option<u16>, config: &RenderConfig) -> RenderingFile {
@@ -38,10 +36,10 @@ pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_
     let exposure = if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
     let median_correction = medians.iter().map(|m| finite_or_one(m.exp())).collect();
     let gain = match config.method {
-        Method::FrameAverage => vec![MEAN_LEVEL; bands],
+        method if method.is_baseline() => vec![1.0; bands],
         _ => balance.iter().map(|w| finite_or_one(w * exposure)).collect(),
     };
-    RenderingFile { method: config.method, gain, median_correction, white_level }
+    RenderingFile { method: config.method, gain, median_correction, shoulder_from: Some(config.shoulder_from), white_level }
 }
 
 fn finite_or_one(v: f64) -> f64 {

@@ -9,14 +9,17 @@ use image::ImageDecoder;
 
 use super::demosaic::Phase;
 use super::packed::Packing;
+use super::response::Response;
 use super::transfer::Transfer;
 use super::{Container, EncodedImage, LinearImage, SensorImage, yuv};
 
 /// How codes are to be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Light {
+pub struct Light<'r> {
     /// the camera's response
     pub transfer: Transfer,
+    /// the response as a table, instead
+    pub response: Option<&'r Response>,
     /// code of full scale in 16-bit pictures; 65535 where `None`
     pub white_level: Option<u16>,
 }
@@ -28,7 +31,7 @@ pub struct Coding {
     pub bits: u8,
     /// the container
     pub container: Container,
-    /// the response that was undone: never [`Transfer::Auto`]
+    /// the response that was undone where there was no table: never [`Transfer::Auto`]
     pub transfer: Transfer,
     /// all codes or-ed together: which bits the sensor uses
     pub bits_used: u16,
@@ -108,7 +111,7 @@ fn samples(encoding: &str) -> Option<Samples> {
 ///
 /// # Errors
 /// A sentence: an encoding that is not read, sizes that contradict the data, a damaged file.
-pub fn decode(encoded: &EncodedImage<'_>, light: Light) -> Result<Decoded, String> {
+pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, String> {
     match *encoded {
         EncodedImage::Raw { width, height, encoding, step, data, .. } if yuv::is_yuv(encoding) => {
             ensure_size(width, height)?;
@@ -233,7 +236,7 @@ fn webp_container(data: &[u8]) -> Container {
     if lossless { Container::Png } else { Container::Jpeg { subsampled: true } }
 }
 
-fn compressed(format: &str, data: &[u8], light: Light) -> Result<Decoded, String> {
+fn compressed(format: &str, data: &[u8], light: Light<'_>) -> Result<Decoded, String> {
     let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
     let (mut decoder, container): (Box<dyn ImageDecoder + '_>, _) = match data {
         [0xff, 0xd8, ..] if !jpeg_has_end(data) => return Err("the picture cannot be decoded: a JPEG that was cut short".into()),
@@ -282,7 +285,7 @@ fn linear<'a>(
     s: Samples,
     big_endian: bool,
     container: Container,
-    light: Light,
+    light: Light<'_>,
 ) -> Result<Decoded, String> {
     let transfer = match light.transfer {
         Transfer::Auto if s.bytes == 2 || s.bayer.is_some() => Transfer::Linear,
@@ -293,7 +296,10 @@ fn linear<'a>(
     let mut pixels = Vec::with_capacity(width * height * bands);
     let mut bits_used = 0u16;
     if s.bytes == 1 {
-        let table = transfer.table8();
+        let table = match light.response {
+            Some(response) => std::array::from_fn(|code| response.to_linear(code as f64 / 255.0) as f32),
+            None => transfer.table8(),
+        };
         for row in rows {
             for pixel in row.chunks_exact(s.channels) {
                 for band in 0..bands {
@@ -316,7 +322,11 @@ fn linear<'a>(
                 }
             }
         }
-        if transfer != Transfer::Linear {
+        if let Some(response) = light.response {
+            for v in &mut pixels {
+                *v = response.to_linear(f64::from(v.min(1.0))) as f32;
+            }
+        } else if transfer != Transfer::Linear {
             for v in &mut pixels {
                 *v = transfer.to_linear(f64::from(v.min(1.0))) as f32;
             }

@@ -8,7 +8,9 @@ pub mod decode;
 pub mod demosaic;
 pub mod encode;
 pub mod flat_field;
+pub mod noise;
 mod packed;
+pub mod response;
 pub mod transfer;
 mod yuv;
 

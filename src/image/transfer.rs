@@ -74,29 +74,58 @@ pub fn srgb_encode(light: f64) -> f64 {
     if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Light → 8-bit sRGB code by table: 4096 steps of the square root, within half a code of the formula.
-pub struct SrgbTable([u8; Self::STEPS + 1]);
+/// The upper end of 8-bit pictures: light above a level is squeezed in below white instead of being cut off there.
+///
+/// ```text
+/// shown = light                                      up to k
+/// shown = k + (1 − k) (1 − e^(−(light − k)/(1 − k)))  above: one slope at k, white at infinity
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shoulder {
+    /// k [share of white]; 1 cuts off
+    pub from: f64,
+}
 
-impl Default for SrgbTable {
-    fn default() -> Self {
-        Self::new()
+impl Shoulder {
+    /// What light is shown as.
+    pub fn shown(self, light: f64) -> f64 {
+        let (k, room) = (self.from, 1.0 - self.from);
+        if light <= k || room <= 0.0 { light.min(1.0) } else { k - room * (-(light - k) / room).exp_m1() }
+    }
+
+    /// The light that is shown so: the way back.
+    pub fn light(self, shown: f64) -> f64 {
+        let (k, room) = (self.from, 1.0 - self.from);
+        if shown <= k || room <= 0.0 { shown } else { k - room * (-(shown - k) / room).ln_1p() }
+    }
+
+    /// Light from which on all is shown by the highest of 8-bit codes.
+    pub fn white(self) -> f64 {
+        if self.from >= 1.0 { 1.0 } else { self.light(Transfer::Srgb.to_linear(254.5 / 255.0)) }
     }
 }
 
+/// Light → 8-bit sRGB code by table: steps of the square root, within half a code of the formula.
+pub struct SrgbTable([u8; Self::STEPS + 1]);
+
 impl SrgbTable {
-    const STEPS: usize = 4096;
+    /// Steps up to `BRIGHTEST`, 4096 of them up to white.
+    const STEPS: usize = 8192;
+    /// Square root of the light that the table ends with.
+    const BRIGHTEST: f32 = 2.0;
 
     /// Fills the table.
-    pub fn new() -> Self {
+    pub fn new(shoulder: Shoulder) -> Self {
         Self(std::array::from_fn(|i| {
-            let root = i as f64 / Self::STEPS as f64;
-            (srgb_encode(root * root) * 255.0).round() as u8
+            let root = i as f64 / Self::STEPS as f64 * f64::from(Self::BRIGHTEST);
+            (srgb_encode(shoulder.shown(root * root)) * 255.0).round() as u8
         }))
     }
 
-    /// The code of `light`; below 0 is black, above 1 is white.
+    /// The code of `light`; below 0 is black.
     pub fn code(&self, light: f32) -> u8 {
-        self.0[(light.clamp(0.0, 1.0).sqrt() * Self::STEPS as f32 + 0.5) as usize]
+        let root = light.max(0.0).sqrt().min(Self::BRIGHTEST) / Self::BRIGHTEST;
+        self.0[(root * Self::STEPS as f32 + 0.5) as usize]
     }
 }
 
@@ -106,9 +135,30 @@ mod tests {
 
     #[test]
     fn srgb_there_and_back_by_table() {
-        let (to, back) = (Transfer::Srgb.table8(), SrgbTable::new());
+        let (to, back) = (Transfer::Srgb.table8(), SrgbTable::new(Shoulder { from: 1.0 }));
         for code in 0..=255u8 {
             assert_eq!(back.code(to[usize::from(code)]), code);
         }
+        assert_eq!((back.code(1.2), back.code(1e9), back.code(-1.0)), (255, 255, 0));
+    }
+
+    /// Highlights stay apart, nothing below the shoulder moves, and codes lead back to light.
+    #[test]
+    fn the_shoulder_keeps_highlights_apart_and_can_be_undone() {
+        let shoulder = Shoulder { from: 0.75 };
+        let (bent, cut) = (SrgbTable::new(shoulder), SrgbTable::new(Shoulder { from: 1.0 }));
+        for i in 0..=750 {
+            let light = i as f32 / 1000.0;
+            assert_eq!(bent.code(light), cut.code(light), "{light}");
+        }
+        let codes = [0.8, 1.0, 1.2, 1.5].map(|light| bent.code(light));
+        assert!(codes.windows(2).all(|c| c[0] + 2 < c[1]) && codes[3] < 255, "{codes:?}");
+        for i in 1..150 {
+            let light = f64::from(i) / 100.0;
+            assert!((shoulder.light(shoulder.shown(light)) - light).abs() < 1e-9);
+            let back = shoulder.light(Transfer::Srgb.to_linear(f64::from(bent.code(light as f32)) / 255.0));
+            assert!((back / light - 1.0).abs() < if light < 1.2 { 0.05 } else { 0.12 } || light < 0.05, "{light} came back as {back}");
+        }
+        assert!((shoulder.white() - 1.76).abs() < 0.01 && bent.code(1.70) < 255 && bent.code(1.80) == 255);
     }
 }

@@ -159,7 +159,7 @@ pub const SEAFLOOR: OutputType = OutputType::of_ros2(
 pub const FRAME: OutputType = OutputType::of_ros2(
     "unwater_msgs/msg/Frame",
     with_header!(
-        "bool corrected\n# why not, if not\nstring reason\nfloat64 camera_altitude_m\nfloat64 path_length_min_m\nfloat64 path_length_mean_m\nfloat64 path_length_max_m\n# shares of the picture's pixels\nfloat64 clipped_input_share\nfloat64 clipped_output_share\nfloat64 gain_capped_share\nfloat64 off_surface_share\nfloat64 unseen_beam_share\nfloat64 mean_gain\n"
+        "bool corrected\n# why not, if not\nstring reason\nfloat64 camera_altitude_m\nfloat64 path_length_min_m\nfloat64 path_length_mean_m\nfloat64 path_length_max_m\n# shares of the picture's pixels\nfloat64 clipped_input_share\nfloat64 clipped_output_share\nfloat64 gain_capped_share\nfloat64 off_surface_share\nfloat64 unseen_beam_share\nfloat64 mean_gain\n# of the picture: light too near its own noise\nfloat64 low_signal_share\n"
     ),
 );
 
@@ -316,7 +316,7 @@ mod tests {
         let heading = Heading { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
         let camera = Camera::from_field_of_view(640, 480, 60.0);
         for wire in WIRES {
-            let frame = headed(wire, &heading).u8(1).text("why").f64s(&[0.5; 10]).finish();
+            let frame = headed(wire, &heading).u8(1).text("why").f64s(&[0.5; 11]).finish();
             let cases = [
                 (COMPRESSED_IMAGE, compressed_image(wire, &heading, "jpeg", &[1, 2, 3])),
                 (IMAGE, image(wire, &heading, 2, 1, "rgb8", 6, &[0; 6])),

@@ -89,6 +89,9 @@ pub struct RenderingFile {
     pub gain: Vec<f64>,
     /// median over the log of the factor each pixel is multiplied by before `gain`, per band (the cap refers to it)
     pub median_correction: Vec<f64>,
+    /// light above this is bent towards white in 8-bit pictures; cut off at white where absent
+    #[serde(default)]
+    pub shoulder_from: Option<f64>,
     /// code of full scale of 16-bit pictures
     pub white_level: Option<u16>,
 }

@@ -14,7 +14,7 @@ use std::path::Path;
 use sha2::Digest;
 
 use crate::config::{Config, Estimator, Method, OutputEncoding, Spreading};
-use crate::correct::{Correction, FrameAverage, rendering};
+use crate::correct::{Correction, MeanFrames, rendering};
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
 use crate::geometry::LightPath;
@@ -209,16 +209,16 @@ struct Ready {
     file: ModelFile,
     model: ImagingModel,
     glow: Option<GlowTable>,
-    average: FrameAverage,
+    means: MeanFrames,
     rig_toml: String,
 }
 
 fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Ready> {
     let mut prepared = prepare(input, options)?;
     let method = options.config.render.method;
-    let (file, average) = match model {
+    let (mut file, means) = match model {
         // Exposure goes with what is removed: a model made for another method is shown anew, from samples without keypoints.
-        Some(file) if file.rendering.method == method && method != Method::FrameAverage => (file, Default::default()),
+        Some(file) if file.rendering.method == method && !method.needs_mean_frames() => (file, Default::default()),
         Some(mut file) => {
             let mut quick = options.clone();
             quick.config.estimate.estimator = Estimator::Altitude;
@@ -226,14 +226,16 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
             let mount = strobe_of(&file, &prepared.survey.rig).lamps;
             file.rendering = shown(&collected.frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
-            (file, collected.average)
+            (file, collected.means)
         }
         None => {
             let mut collected = pass_one(&prepared, options, threads, progress)?;
-            let average = std::mem::take(&mut collected.average);
-            (model_of(vec![(&prepared, collected)], options)?, average)
+            let means = std::mem::take(&mut collected.means);
+            (model_of(vec![(&prepared, collected)], options)?, means)
         }
     };
+    // Exposure is the model's; how highlights are shown is this run's.
+    file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
     // The pattern's angles are about the strobe that the model was made with.
     prepared.survey.rig.strobe = strobe_of(&file, &prepared.survey.rig);
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
@@ -242,19 +244,20 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
     let model = file.imaging_model().map_err(Error::Usage)?;
     let glow = glow_table(&model, &prepared.survey.rig, method);
     let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();
-    Ok(Ready { prepared, file, model, glow, average, rig_toml })
+    Ok(Ready { prepared, file, model, glow, means, rig_toml })
 }
 
 impl Ready {
     fn for_pass_two<'r>(&'r self, is_first: bool, options: &'r Options, wire: OutputWire) -> OfCamera<'r> {
-        let Self { prepared: Prepared { scan, survey, .. }, file, model, glow, average, rig_toml } = self;
+        let Self { prepared: Prepared { scan, survey, .. }, file, model, glow, means, rig_toml } = self;
         let correction = Correction {
             model,
             glow: model.backscatter.as_ref().zip(glow.as_ref()),
             rendering: &file.rendering,
             config: &options.config.render,
-            frame_average: Some(average).filter(|a| !a.is_empty()),
+            means,
             clipped_above: options.config.estimate.clipped_above as f32,
+            electrons: survey.electrons,
         };
         let place = if is_first { String::new() } else { place_of(&survey.camera_topic) };
         OfCamera { scan, survey, config: &options.config, wire, file, model, correction, rig_toml, place }

@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::config::{Config, Estimator, Method};
-use crate::correct::FrameAverage;
+use crate::config::{Config, Estimator};
+use crate::correct::MeanFrames;
 use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, matches, samples};
 use crate::geometry::View;
@@ -35,8 +35,8 @@ pub struct Collected {
     pub frames: Vec<FrameSamples>,
     /// matched keypoints
     pub pairs: Vec<MatchedPair>,
-    /// the mean frame, where the method wants it
-    pub average: FrameAverage,
+    /// mean frames, where the method wants them
+    pub means: MeanFrames,
 }
 
 /// Which frames pass one looks at: all, or stretches spread evenly over the log.
@@ -79,7 +79,7 @@ pub fn collect(
     let chosen = chosen_frames(survey.frames.len(), config.estimate.max_frames);
     let mut collected = Collected::default();
     progress.begin(Step::Estimate, chosen.len());
-    let wants_average = config.render.method == Method::FrameAverage;
+    let wants_average = config.render.method.needs_mean_frames();
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
     let work = |(index, message): (usize, Message)| {
         let decoder = scan.decoders.get(&message.channel)?;
@@ -96,7 +96,7 @@ pub fn collect(
             Some((plane.normal, plane.distance_m))
         };
         taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
-        Some((taken, wants_average.then(|| image.into_bands())))
+        Some((taken, wants_average.then(|| (image.into_bands(), view.camera_altitude_m()))))
     };
     let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
     ordered_map(
@@ -108,8 +108,8 @@ pub fn collect(
         |result| -> Result<()> {
             if let Some((taken, image)) = result {
                 collected.frames.push(taken);
-                if let Some(image) = image {
-                    collected.average.add(&image);
+                if let Some((image, camera_altitude_m)) = image {
+                    collected.means.add(config.render.method, &image, camera_altitude_m);
                 }
             }
             progress.advance(1);
@@ -127,7 +127,7 @@ pub fn collect(
 fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<(SensorImage, u8), String> {
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
-    let light = Light { transfer: config.light.transfer, white_level: survey.white_level };
+    let light = Light { transfer: config.light.transfer, white_level: survey.white_level, response: survey.response.as_ref() };
     let Decoded { mut image, coding } = decode(&read(&value)?, light)?;
     survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
     Ok((image, coding.bits))

@@ -7,7 +7,7 @@ use crate::correct::FrameFacts;
 use crate::error::Result;
 use crate::geometry::SeafloorPlane;
 use crate::image::Container;
-use crate::image::transfer::SrgbTable;
+use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::messages::Heading;
 use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
 use crate::report::{Reason, Report};
@@ -61,6 +61,7 @@ pub fn output_container(source: Container, config: &Config) -> Container {
 struct Added {
     corrected: NewChannel,
     camera_info: Option<NewChannel>,
+    mask: Option<NewChannel>,
     attenuation: NewChannel,
     seafloor: NewChannel,
     beam_pattern: NewChannel,
@@ -77,7 +78,16 @@ struct Done {
     message: Message,
     heading: Heading,
     plane: Option<SeafloorPlane>,
-    result: std::result::Result<(Vec<u8>, FrameFacts), Reason>,
+    result: std::result::Result<Shown, Reason>,
+}
+
+/// What goes out of a corrected frame.
+struct Shown {
+    /// the picture's message
+    picture: Vec<u8>,
+    /// the mask's
+    mask: Option<Vec<u8>>,
+    facts: FrameFacts,
 }
 
 enum Item {
@@ -129,7 +139,7 @@ impl PassTwo<'_> {
             Ok(Account { added: camera.add_channels(out)?, tally: Tally::default(), report: camera.empty_report(self.recording) })
         };
         let mut accounts = self.cameras.iter().map(|camera| account(camera, &mut out)).collect::<Result<Vec<_>>>()?;
-        let srgb = SrgbTable::new();
+        let srgb = SrgbTable::new(Shoulder { from: self.config.render.shoulder_from });
 
         progress.begin(Step::Correct, self.cameras.iter().map(|c| c.survey.frames.len()).sum());
         let mut next_frame = vec![0; self.cameras.len()];
@@ -288,6 +298,12 @@ pub fn method_name(method: Method) -> &'static str {
         Method::Attenuation => "attenuation",
         Method::BeamPattern => "beam-pattern",
         Method::FrameAverage => "frame-average",
+        Method::RangeAverage => "range-average",
+        Method::GreyWorld => "grey-world",
+        Method::WhitePatch => "white-patch",
+        Method::Homomorphic => "homomorphic",
+        Method::HomomorphicSurface => "homomorphic-surface",
+        Method::Ahe => "ahe",
     }
 }
 

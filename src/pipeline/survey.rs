@@ -15,12 +15,14 @@ use crate::error::{Error, Result};
 use crate::geometry::Pings;
 use crate::image::decode::{Light, decode};
 use crate::image::flat_field::FlatField;
+use crate::image::noise::Electrons;
+use crate::image::response::Response;
 use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
 use crate::recording::{Entry, Recording};
 use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
-use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, LampFacts, MountFacts, Rig, RigFile, SettingSeries};
+use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, LampFacts, MountFacts, ResponseFacts, Rig, RigFile, SettingSeries};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
 use choose::{choose_camera, choose_ranges};
@@ -60,6 +62,10 @@ pub struct Survey {
     pub pings: Pings,
     /// what the lens takes, where the rig file says
     pub flat_field: Option<FlatField>,
+    /// the camera's response as a table, where the rig file has one
+    pub response: Option<Response>,
+    /// the sensor's electrons, as far as the rig file tells
+    pub electrons: Electrons,
     /// settings of camera and strobe that change along the log
     pub settings: Vec<SettingSeries>,
     /// mounts and calibration
@@ -99,7 +105,8 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
     let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
-    let flat_field = flat_field(rig_file, &camera, picture, config)?;
+    let response = response(rig_file)?;
+    let flat_field = flat_field(rig_file, &camera, picture, response.as_ref(), config)?;
     checks::depths_to_beams(recording, scan, &mut warnings);
     let dvl_id = choose_ranges(recording, scan, selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()), rig_file)?;
     let dvl_topic = topic(recording, dvl_id);
@@ -208,6 +215,8 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         attitude_topic,
         pings,
         flat_field,
+        response,
+        electrons: Electrons { full_well: rig_file.camera.full_well_e, read_noise: rig_file.camera.read_noise_e.unwrap_or(0.0) },
         settings: settings(recording, scan),
         rig,
         remarks,
@@ -215,12 +224,31 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     })
 }
 
+/// The camera's response, by the rig file: a table, or the file it stands in.
+fn response(rig_file: &RigFile) -> Result<Option<Response>> {
+    let of = |reason: String| Error::Rig(format!("camera.response: {reason}"));
+    match &rig_file.camera.response {
+        None => Ok(None),
+        Some(ResponseFacts::Points(points)) => Response::new(points.clone()).map(Some).map_err(of),
+        Some(ResponseFacts::File(path)) => {
+            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            Response::from_csv(&text).map(Some).map_err(of)
+        }
+    }
+}
+
 /// What the lens takes, by the rig file: a picture of an evenly lit surface, or a formula.
-fn flat_field(rig_file: &RigFile, camera: &Camera, picture: Option<(usize, usize)>, config: &Config) -> Result<Option<FlatField>> {
+fn flat_field(
+    rig_file: &RigFile,
+    camera: &Camera,
+    picture: Option<(usize, usize)>,
+    response: Option<&Response>,
+    config: &Config,
+) -> Result<Option<FlatField>> {
     let (width, height) = picture.unwrap_or((camera.width, camera.height));
     if let Some(path) = &rig_file.camera.flat_field {
         let data = std::fs::read(path).map_err(|source| Error::Read { path: path.clone(), source })?;
-        let light = Light { transfer: config.light.transfer, white_level: None };
+        let light = Light { transfer: config.light.transfer, white_level: None, response };
         let decoded = decode(&EncodedImage::Compressed { format: "", data: &data }, light);
         let flat = decoded.map_err(|e| Error::Rig(format!("camera.flat_field {}: {e}", path.display())))?.image.into_bands();
         if (flat.width, flat.height) != (width, height) {
@@ -386,6 +414,8 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     file.camera = CameraFacts::of(&rig.camera.as_calibrated());
     file.camera.medium = given.camera.medium;
     (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
+    (file.camera.full_well_e, file.camera.read_noise_e) = (given.camera.full_well_e, given.camera.read_noise_e);
+    file.camera.response.clone_from(&given.camera.response);
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
     let mounts: Vec<_> = rig.strobe.lamps.poses().map(|(pose, share)| (MountFacts::of(pose), share)).collect();

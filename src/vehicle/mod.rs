@@ -15,4 +15,4 @@ pub use camera::{Calibration, Camera, Distortion, LensModel};
 pub use lamps::{Lamp, Lamps, MOST_LAMPS};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
-pub use rig::{CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};
+pub use rig::{CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};

@@ -121,8 +121,27 @@ pub struct CameraFacts {
     /// a picture of an evenly lit surface, as the camera takes it, instead of a formula
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flat_field: Option<std::path::PathBuf>,
+    /// codes to light by a table, instead of `light.transfer`
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub response: Option<ResponseFacts>,
+    /// electrons of a pixel at full scale, by the data sheet and the gain; for the account of noise alone
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub full_well_e: Option<f64>,
+    /// noise of reading a pixel [electrons]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub read_noise_e: Option<f64>,
     /// where the camera sits
     pub mount: Option<MountFacts>,
+}
+
+/// A camera's response as a rig file gives it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum ResponseFacts {
+    /// points of code share and light share
+    Points(Vec<[f64; 2]>),
+    /// a file of two columns
+    File(std::path::PathBuf),
 }
 
 /// Fall-off of light towards the picture's edge.

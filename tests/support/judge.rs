@@ -35,6 +35,12 @@ pub struct Verdict {
 
 /// Renders, corrects (16-bit PNG) and compares.
 pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
+    let (verdict, truth, _) = run_and_show(dive, options, folder);
+    (verdict, truth)
+}
+
+/// The same, and the corrected pictures.
+pub fn run_and_show(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth, Vec<LinearImage>) {
     let (input, output) = (folder.join("dive.mcap"), folder.join("dive.corrected.mcap"));
     let truth = dive.write(&input);
     let mut options = options.clone();
@@ -42,7 +48,15 @@ pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
     options.config.render.depth = 16;
     let (report, model) = correct(&input, &output, None, &options, &Silent).expect("a corrected log");
     let pictures = pictures(&output, &report.corrected_topic);
-    (verdict(&truth, dive, &pictures, model, report), truth)
+    (verdict(&truth, dive, &pictures, model, report), truth, pictures)
+}
+
+/// Pass two alone over the dive that `run` left in the folder: its pictures by another method or in other codes.
+pub fn shown_again(model: &ModelFile, options: &Options, folder: &Path) -> Vec<LinearImage> {
+    let (input, output) = (folder.join("dive.mcap"), folder.join("dive.again.mcap"));
+    let options = Options { force: true, ..options.clone() };
+    let (report, _) = correct(&input, &output, Some(model.clone()), &options, &Silent).expect("a corrected log");
+    pictures(&output, &report.corrected_topic)
 }
 
 /// All pictures of a topic, linear, in order.
@@ -63,7 +77,19 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
     pictures
 }
 
-fn blocks(width: usize, height: usize, at: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+/// Takes the shoulder off 8-bit pictures, as docs/formats.md says.
+pub fn unbend(pictures: &mut [LinearImage], from: f64) {
+    let room = 1.0 - from;
+    for value in pictures.iter_mut().flat_map(|p| &mut p.pixels) {
+        let shown = f64::from(*value);
+        if shown > from {
+            *value = (from - room * (1.0 - (shown - from) / room).max(1e-6).ln()) as f32;
+        }
+    }
+}
+
+/// Means over blocks of a picture.
+pub fn blocks(width: usize, height: usize, at: impl Fn(usize, usize) -> f64) -> Vec<f64> {
     let mut means = Vec::new();
     for y in (0..height / BLOCK).map(|r| r * BLOCK) {
         for x in (0..width / BLOCK).map(|c| c * BLOCK) {

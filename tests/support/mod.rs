@@ -1,11 +1,13 @@
 //! What the tests share: a renderer written apart from the estimator, and a judge.
 #![allow(dead_code, clippy::unwrap_used)]
 
+pub mod colour;
 pub mod dice;
 pub mod foreign_bytes;
 pub mod judge;
 pub mod render;
 pub mod replay;
+pub mod same_point;
 pub mod transcode;
 
 /// A sentence where it does not hold.

@@ -18,6 +18,33 @@ pub enum Encoding {
     Json,
 }
 
+/// The same log with other bytes in its raw pictures, whose last `bytes` are pixels.
+pub fn with_pixels(path: &Path, topic: &str, bytes: usize, change: impl Fn(&mut [u8])) {
+    let recording = Recording::open(path).unwrap();
+    let mut out = Vec::new();
+    let mut writer = mcap::WriteOptions::new().profile("ros2").create(std::io::Cursor::new(&mut out)).unwrap();
+    for (id, schema) in &recording.schemas {
+        writer.add_schema_with_id(*id, &schema.name, &schema.encoding, &schema.data).unwrap();
+    }
+    for (id, c) in &recording.channels {
+        writer.add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata).unwrap();
+    }
+    for entry in recording.messages(Window::ALL) {
+        let Entry::Message(m) = entry else { continue };
+        let mut data = m.data().to_vec();
+        if recording.channels[&m.channel].topic == topic {
+            let start = data.len() - bytes;
+            change(&mut data[start..]);
+        }
+        let header = mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence, log_time: m.log_time, publish_time: m.publish_time };
+        writer.write_to_known_channel(&header, &data).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    drop(recording);
+    std::fs::write(path, out).unwrap();
+}
+
 /// Every channel of `source`, in the other encoding.
 pub fn transcode(source: &Path, target: &Path, encoding: Encoding) {
     let recording = Recording::open(source).unwrap();

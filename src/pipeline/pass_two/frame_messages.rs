@@ -29,8 +29,11 @@ impl OfCamera<'_> {
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
             put(out, added.beam_picture, &output::compressed_image(self.wire, &done.heading, "png", &picture))?;
         }
-        if let Ok((payload, _)) = &done.result {
-            put(out, added.corrected, payload)?;
+        if let Ok(shown) = &done.result {
+            put(out, added.corrected, &shown.picture)?;
+            if let (Some(channel), Some(mask)) = (added.mask, &shown.mask) {
+                put(out, channel, mask)?;
+            }
             if let Some(channel) = added.camera_info {
                 put(out, channel, &output::camera_info(self.wire, &done.heading, &self.survey.rig.camera.rectified()))?;
             }
@@ -54,7 +57,7 @@ impl OfCamera<'_> {
             put(out, added.plot_residual, &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]))?;
         }
         let (corrected, reason, facts) = match &done.result {
-            Ok((_, facts)) => (true, String::new(), *facts),
+            Ok(shown) => (true, String::new(), shown.facts),
             Err(reason) => (false, reason.to_string(), UNKNOWN),
         };
         let frame = output::headed(self.wire, &done.heading).u8(u8::from(corrected)).text(&reason).f64s(&[
@@ -68,6 +71,7 @@ impl OfCamera<'_> {
             facts.off_surface_share,
             facts.unseen_beam_share,
             facts.mean_gain,
+            facts.low_signal_share,
         ]);
         put(out, added.frame, &frame.finish())?;
         if let Err(reason) = &done.result
@@ -118,6 +122,7 @@ const UNKNOWN: FrameFacts = FrameFacts {
     off_surface_share: f64::NAN,
     unseen_beam_share: f64::NAN,
     mean_gain: f64::NAN,
+    low_signal_share: f64::NAN,
 };
 
 fn padded(values: &[f64]) -> [f64; 3] {

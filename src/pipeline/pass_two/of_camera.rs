@@ -5,6 +5,7 @@ use crate::correct::{Corrected, Correction};
 use crate::error::Result;
 use crate::geometry::{NoSeafloor, View};
 use crate::image::decode::{Light, decode};
+use crate::image::noise::Noise;
 use crate::image::transfer::SrgbTable;
 use crate::image::{Container, LinearImage, encode};
 use crate::messages::output::{self, OutputType, WrittenSchema};
@@ -17,7 +18,7 @@ use crate::units::Stamp;
 
 use super::super::scan::Scan;
 use super::super::survey::Survey;
-use super::{Added, Done, corrected_topic, method_name, output_container};
+use super::{Added, Done, Shown, corrected_topic, method_name, output_container};
 
 /// A camera that is corrected, and all that pass two needs for it.
 pub struct OfCamera<'p> {
@@ -82,6 +83,7 @@ impl OfCamera<'_> {
             } else {
                 None
             },
+            mask: if self.config.render.mask { Some(add(&ours("mask/compressed"), output::COMPRESSED_IMAGE)?) } else { None },
             attenuation: add(&ours("attenuation"), output::ATTENUATION)?,
             seafloor: add(&ours("seafloor"), output::SEAFLOOR)?,
             beam_pattern: add(&ours("beam_pattern"), output::BEAM_PATTERN)?,
@@ -104,7 +106,8 @@ impl OfCamera<'_> {
             let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
             said = heading(&value);
             let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
-            let light = Light { transfer: self.config.light.transfer, white_level: self.survey.white_level };
+            let Survey { white_level, response, .. } = self.survey;
+            let light = Light { transfer: self.config.light.transfer, white_level: *white_level, response: response.as_ref() };
             let mut picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
             self.survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).map_err(|_sizes| Reason::WrongSize)?;
             let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
@@ -122,17 +125,24 @@ impl OfCamera<'_> {
             let relief = self.survey.pings.relief(stamp, &found, &self.survey.rig);
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found, relief: relief.as_ref() };
             let now = self.model.at(stamp);
-            let Corrected { image, facts } = Correction { model: &now, ..self.correction }.apply(
+            let noise = Noise::of(&picture.coding, light, self.correction.electrons);
+            let Corrected { image, mask, facts } = Correction { model: &now, ..self.correction }.apply(
                 picture.image,
                 &view,
                 self.frame_gain(stamp),
                 self.config.render.rectify.then(|| camera.rectified()).as_ref(),
+                &noise,
             );
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }
             let subsampled = coding.container == Container::Jpeg { subsampled: true };
-            Ok((self.encoded(&said, &image, container, subsampled, srgb).map_err(Reason::Unencodable)?, facts))
+            let shown = || -> std::result::Result<Shown, String> {
+                let png = |mask: Vec<u8>| encode::png(&mask, image.width, image.height, 1, 8);
+                let mask = mask.map(png).transpose()?.map(|png| output::compressed_image(self.wire, &said, "png", &png));
+                Ok(Shown { picture: self.encoded(&said, &image, container, subsampled, srgb)?, mask, facts })
+            };
+            shown().map_err(Reason::Unencodable)
         })();
         Done { message, heading: said, plane, result }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::Done;
+use super::{Done, Shown};
 use crate::report::Report;
 
 /// Running counts over the frames.
@@ -22,7 +22,7 @@ impl Tally {
         }
         match &done.result {
             Err(reason) => *self.uncorrected.entry(reason.to_string()).or_default() += 1,
-            Ok((_, f)) => {
+            Ok(Shown { facts: f, .. }) => {
                 self.corrected += 1;
                 let [low, high] = self.altitude.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
                 self.altitude = Some([low.min(f.camera_altitude_m), high.max(f.camera_altitude_m)]);
@@ -32,6 +32,7 @@ impl Tally {
                     ("gain_capped", f.gain_capped_share),
                     ("off_surface", f.off_surface_share),
                     ("unseen_beam", f.unseen_beam_share),
+                    ("low_signal", f.low_signal_share),
                 ] {
                     *self.shares.entry(name).or_default() += share;
                 }

@@ -1,0 +1,33 @@
+//! Baseline: the mean of a frame is taken for grey (paper §III-D, Eq. 13 with an even illumination; Buchsbaum 1980, "A
+//! spatial processor model for object colour perception"). Per frame, as its users have it.
+
+use super::{LEAST_LIGHT, MEAN_LEVEL};
+use crate::image::LinearImage;
+
+/// Brings every band's mean to one level.
+pub fn balance(image: &mut LinearImage) {
+    let bands = image.bands;
+    for band in 0..bands {
+        let of_band = image.pixels.iter().skip(band).step_by(bands);
+        let mean = of_band.map(|v| f64::from(*v)).sum::<f64>() / (image.width * image.height) as f64;
+        let gain = (MEAN_LEVEL / mean.max(f64::from(LEAST_LIGHT))) as f32;
+        image.pixels.iter_mut().skip(band).step_by(bands).for_each(|v| *v *= gain);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::pattern;
+
+    /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `a * .25 / a.mean((0, 1))` at [5, 7].
+    #[test]
+    fn as_numpy_has_it() {
+        let mut image = pattern(31, 23, 3);
+        super::balance(&mut image);
+        for (is, ought) in image.at(7, 5).iter().zip(GREY_WORLD) {
+            assert!((f64::from(*is) - ought).abs() < 1e-6, "{is} {ought}");
+        }
+    }
+
+    const GREY_WORLD: [f64; 3] = [0.0982743, 0.2400245, 0.3839579];
+}
