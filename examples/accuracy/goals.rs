@@ -99,14 +99,13 @@ pub fn print(cases: &[(&'static str, Vec<Judged>)], json: bool) {
     for goal in GOALS {
         let Some(judged) = of(goal.case) else { continue };
         let is = (goal.measure)(judged, of(CLEAR).unwrap_or_default());
-        if is.is_nan() {
-            continue; // it needs a case that was not run
-        }
         let reaches = |bound: f64| if goal.at_most { is <= bound } else { is >= bound };
         let word = if reaches(goal.aim) {
             "aim"
         } else if reaches(goal.must) {
             "must"
+        } else if is.is_nan() {
+            "not measured"
         } else {
             "**no**"
         };
@@ -125,7 +124,8 @@ fn mean(judged: &[Judged], of: impl Fn(&Outcome) -> f64) -> f64 {
 }
 
 fn largest(judged: &[Judged], of: impl Fn(&Outcome) -> f64) -> f64 {
-    judged.iter().map(|j| of(&j.0)).fold(0.0, f64::max)
+    // Not `f64::max`, to which what was not measured is nothing at all.
+    judged.iter().map(|j| of(&j.0)).fold(0.0, |most, v| if v > most || v.is_nan() { v } else { most })
 }
 
 fn alpha(judged: &[Judged]) -> f64 {
@@ -157,7 +157,7 @@ fn gain(judged: &[Judged], band: usize) -> f64 {
 }
 
 fn least_band(judged: &[Judged], of: impl Fn(&Outcome, usize) -> f64) -> f64 {
-    (0..3).map(|b| mean(judged, |o| of(o, b))).fold(f64::INFINITY, f64::min)
+    (0..3).map(|b| mean(judged, |o| of(o, b))).fold(f64::INFINITY, |least, v| if v < least || v.is_nan() { v } else { least })
 }
 
 fn over_frame_average(judged: &[Judged]) -> f64 {
