@@ -7,7 +7,7 @@
 mod settings;
 
 use serde::{Deserialize, Serialize};
-pub use settings::{SETTINGS, Setting};
+pub use settings::{SETTINGS, Setting, with_nearest_key};
 
 use crate::image::transfer::{Shoulder, Transfer};
 
@@ -418,21 +418,6 @@ impl Config {
             ((1..=1024).contains(&self.output.chunk_size_mib), "output.chunk_size_mib must lie in 1 to 1024"),
         ];
         checks.iter().find(|(ok, _)| !ok).map_or(Ok(()), |(_, sentence)| Err((*sentence).into()))
-    }
-}
-
-/// An error of a TOML file, with the nearest known key where one was not known.
-pub fn with_nearest_key<'k>(error: &toml::de::Error, known: impl Iterator<Item = &'k str>) -> String {
-    let message = error.message();
-    let unknown = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
-    let nearest = unknown.and_then(|unknown| {
-        known
-            .map(|key| (strsim::jaro_winkler(key.rsplit('.').next().unwrap_or(key), unknown).max(strsim::jaro_winkler(key, unknown)), key))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-    });
-    match (unknown, nearest) {
-        (Some(unknown), Some((_, nearest))) => format!("unknown key `{unknown}`; did you mean `{nearest}`?"),
-        _ => error.to_string().trim().into(),
     }
 }
 

@@ -93,7 +93,10 @@ impl Ground {
     /// What pictures show.
     pub fn shown(&self, dive: &Dive, truth: &Truth, pictures: &[LinearImage]) -> Shown {
         let bands = pictures[0].bands;
-        let per_band: Vec<(f64, f64)> = (0..bands).map(|b| self.spreads(|frame, pixel| pictures[frame].pixels[pixel * bands + b])).collect();
+        // Over ridges a point of the plane is no point of the ground.
+        let flat = if dive.relief_m == 0.0 { 1.0 } else { f64::NAN };
+        let per_band = (0..bands).map(|b| self.spreads(|frame, pixel| pictures[frame].pixels[pixel * bands + b]));
+        let per_band: Vec<(f64, f64)> = per_band.map(|(within, between)| (flat * within, between)).collect();
         let (delta_e_median, delta_e_95) = if bands == 3 { self.delta_e(dive, truth, pictures) } else { (f64::NAN, f64::NAN) };
         Shown {
             scatter: per_band.iter().map(|(within, _)| *within).collect(),
