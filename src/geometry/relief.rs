@@ -82,9 +82,11 @@ impl Way {
     }
 }
 
-/// A hit over the plane: u, v, height [m], and seconds from the frame.
+/// A hit over the plane: u, v, height [m], seconds from the frame, and which ping's which beam it was.
 #[derive(Clone, Copy, Debug)]
 pub struct Height {
+    ping: usize,
+    beam: usize,
     u: f64,
     v: f64,
     height_m: f64,
@@ -148,13 +150,17 @@ pub fn heights(pings: &[Ping], way: &Way, attitude: &AttitudeTrack, stamp: Stamp
             let at = instrument + moved + turn * ((rig.body_from_dvl * beam.direction).vector() * range.0);
             let ((u, v), height_m) = (axes.of_point(&at), plane.distance_m - plane.normal.vector().dot(&at));
             if u.hypot(v) < REACH * axes.altitude_m && height_m.abs() < axes.altitude_m / 2.0 {
-                found.push((i + b, Height { u, v, height_m, offset_s: ping.stamp.seconds_since(stamp) }));
+                found.push(Height { ping: i, beam: b, u, v, height_m, offset_s: ping.stamp.seconds_since(stamp) });
             }
         }
     }
-    let every = found.len().div_ceil(MOST_HITS).max(1);
-    // By turns among the beams: each of them is left with as many.
-    found.into_iter().filter(|(turn, _)| turn % every == 0).map(|(_, height)| height).collect()
+    found
+}
+
+/// As many hits as tell something, by turns among the beams: each of them is left with as many.
+fn thinned(hits: Vec<Height>) -> Vec<Height> {
+    let every = hits.len().div_ceil(MOST_HITS).max(1);
+    hits.into_iter().filter(|h| (h.ping + h.beam) % every == 0).collect()
 }
 
 /// A Gaussian process over hits.
@@ -194,7 +200,7 @@ impl Relief {
             return None;
         }
         let axes = Axes::of(plane, rig);
-        let process = Process::new(hits, axes.altitude_m)?;
+        let process = Process::new(thinned(hits), axes.altitude_m)?;
         let half_side_m = REACH * axes.altitude_m;
         let place = |i: usize| (2.0 * i as f64 / (NODES - 1) as f64 - 1.0) * half_side_m;
         let nodes = (0..NODES * NODES).map(|i| process.at(place(i % NODES), place(i / NODES))).collect();
@@ -243,10 +249,16 @@ pub fn foretold(frames: impl Iterator<Item = (Vec<Height>, f64)>) -> Option<f64>
             if others.len() < MANY_RETURNS {
                 continue;
             }
-            let Some(process) = Process::new(others, altitude_m) else { continue };
-            for hit in hits.iter().filter(|h| (h.offset_s - second).abs() <= 0.5) {
-                by_plane.push(hit.height_m.abs());
-                by_relief.push((hit.height_m - process.at(hit.u, hit.v)[0]).abs());
+            let Some(process) = Process::new(thinned(others), altitude_m) else { continue };
+            let left_out: Vec<Height> = hits.iter().filter(|h| (h.offset_s - second).abs() <= 0.5).copied().collect();
+            // Beams of one ping against each other: what the way has wrong (a climb not told in full) lifts them all alike
+            // and is no relief.
+            for of_ping in left_out.chunk_by(|a, b| a.ping == b.ping).filter(|p| p.len() >= 2) {
+                let foretold: Vec<f64> = of_ping.iter().map(|h| h.height_m - process.at(h.u, h.v)[0]).collect();
+                let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / of_ping.len() as f64;
+                let (plane, relief) = (mean(&mut of_ping.iter().map(|h| h.height_m)), mean(&mut foretold.iter().copied()));
+                by_plane.extend(of_ping.iter().map(|h| (h.height_m - plane).abs()));
+                by_relief.extend(foretold.iter().map(|e| (e - relief).abs()));
             }
         }
     }
