@@ -58,7 +58,7 @@ pub const SETTINGS: &[Setting] = settings![
     "render.shoulder_from", "share of white", "above it 8-bit pictures bend towards white instead of being cut off there; 1 cuts off. 16-bit ones are never bent";
     "render.gain_cap", "times the log's median gain", "beyond it a picture would show noise, not seafloor";
     "render.least_signal_to_noise", "1", "pixels whose light is less than this many times its known noise are counted in low_signal_share: a tenth of the value is noise there";
-    "render.gain_step_px", "px", "the gain is evaluated on this grid and interpolated; within 0.2 %";
+    "render.gain_error", "1", "the gain is evaluated on a grid and interpolated, so finely that it errs by no more than this share";
     "render.mask", "true | false", "a picture of bits beside each corrected one: clipped, gain capped, off the surface, unseen beam";
     "render.rectify", "true | false", "undo lens distortion as well (Fig. 2)";
     "render.image_format", "auto | jpeg | png | raw | same", "auto: PNG where the source is PNG or depth is 16, else JPEG";

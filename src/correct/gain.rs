@@ -1,145 +1,240 @@
-//! The factor from raw to corrected light over one frame: exact on a coarse grid, bilinear between.
+//! The factor from raw to corrected light over one frame, by as few evaluations of the formula as 0.1 % allows.
 //!
-//! Linear interpolation over h pixels errs by h²/8 of the second derivative, and by h/4 of the slope's step where the
-//! pattern's bilinear grid has an edge: at 4 px, 0.2 % at most for a beam that falls to a half within 17°. Cells with a corner off the floor, or
-//! over which the gain changes by a tenth (towards the horizon), are evaluated pixel by pixel.
+//! ```text
+//! exact, every few dozen pixels      θ, φ, what the water and the way took, light scattered back: smooth in the pixel
+//!   bilinear, on nodes in between    log BP(θ, φ) looked up: it has edges where its own bilinear grid has nodes
+//!     bilinear, on pixels            the gain, rows of it at a time
+//! ```
+//!
+//! Over h pixels linear interpolation errs by h²/8 of the second derivative, and by h/4 of the slope's step where the
+//! pattern has an edge; from the pattern's own first and second differences follows the step that keeps both below
+//! `render.gain_error`, but at the roughest twentieth of the pattern, its noisy rim: two or three times that there. Where a corner is off the floor, or the gain changes much over a cell (towards the horizon), the
+//! formula is evaluated node by node, and pixel by pixel.
 
-use super::{Correction, FrameFacts, log_removed, mask};
-use crate::geometry::{LightPath, View};
-use crate::image::SensorImage;
+use super::nodes::{Nodes, Walk};
+use super::{Correction, FrameFacts, log_removed, log_removed_by_way, mask, removes_beam};
+use crate::geometry::{LightPath, StrobeAngles, View};
+use crate::image::demosaic::Phase;
 use crate::image::noise::Noise;
+use crate::model::BeamPattern;
 
 /// A cell over which the gain changes by more than this factor is not interpolated.
 const STEEP: f32 = 1.1;
+/// The same for θ, φ and the logarithm of what the way took, between nodes where they are exact.
+const STEEP_SMOOTH: f32 = 0.25;
+/// Exact nodes lie this far apart, seen from the camera [rad]: over that, 1/8 of the square of it times the second
+/// derivative of the smooth parts (6 at most) is 0.02 %.
+const SMOOTH_RAD: f64 = 0.016;
+/// Nodes are never farther apart [px].
+const LARGEST_STEP_PX: usize = 16;
+/// Least slope of the logarithm of what is divided out, beside the beam's [1/rad].
+const SLOPE_OF_WAY: f64 = 3.0;
 
 /// Gains on the grid's nodes.
 pub struct GainGrid<'g> {
     correction: &'g Correction<'g>,
     view: View<'g>,
-    step: usize,
-    columns: usize,
-    rows: usize,
+    width: usize,
     bands: usize,
-    /// `rows × columns × bands`; NaN off the floor
-    gains: Vec<f32>,
+    /// NaN off the floor
+    gains: Nodes,
+    /// light that the water scattered back, where it is modelled
+    scattered: Option<Nodes>,
     /// bits of the mask, by node
     bits: Vec<u8>,
-    /// the same as `gains`, of light that the water scattered back; empty where none is modelled
-    scattered: Vec<f32>,
+    /// cells that are not interpolated
+    uneven: Vec<bool>,
+    /// one over the log's median correction, by band; 0 for bands that are not
+    over_median: [f32; 3],
+    /// the rendering's gain, by band
+    shown: [f32; 3],
     facts: FrameFacts,
+}
+
+/// Pixels from node to node such that interpolation errs by no more than `error`, for a strobe that sees a pixel under
+/// 1/`px_per_rad`.
+fn step_px(beam: &BeamPattern, roughness: (f64, f64), px_per_rad: f64, error: f64) -> usize {
+    let nodes = beam.nodes();
+    let spacing_rad = 2.0 * nodes.limit_rad / (nodes.count - 1) as f64;
+    let (first, second) = roughness;
+    // Half of the error for the edges of either axis: h/4 · second / spacing.
+    let edges = 2.0 * error * px_per_rad * spacing_rad / second.max(1e-9);
+    // e^x between nodes: (h · slope)² / 8.
+    let slope = first / spacing_rad + SLOPE_OF_WAY;
+    let curve = (4.0 * error).sqrt() * px_per_rad / slope;
+    (edges.min(curve).floor() as usize).clamp(1, LARGEST_STEP_PX)
+}
+
+/// Path lengths and shares, summed up.
+#[derive(Default)]
+struct Sums {
+    paths: usize,
+    path_m: f64,
+    shortest_m: Option<f64>,
+    longest_m: f64,
+    capped: usize,
+    unseen: usize,
+    met: usize,
+    gain: f64,
+}
+
+impl Sums {
+    fn path(&mut self, path: &LightPath) {
+        let length_m = path.length_m();
+        self.paths += 1;
+        self.path_m += length_m;
+        self.shortest_m = Some(self.shortest_m.map_or(length_m, |s| s.min(length_m)));
+        self.longest_m = self.longest_m.max(length_m);
+    }
 }
 
 impl<'g> GainGrid<'g> {
     /// Evaluates the nodes.
     pub fn new(correction: &'g Correction<'g>, view: &View<'g>, width: usize, height: usize, bands: usize) -> Self {
-        let step = correction.config.gain_step_px;
-        let (columns, rows) = ((width - 1).div_ceil(step) + 1, (height - 1).div_ceil(step) + 1);
+        let middle = view.light_path(width as f64 / 2.0, height as f64 / 2.0);
+        let nearer = middle.map_or(1.0, |p| (p.strobe_to_seafloor_m / p.seafloor_to_camera_m).min(1.0));
+        let step = step_px(&correction.model.beam_pattern, correction.roughness, view.camera.fx * nearer, correction.config.gain_error);
+        let size = (width, height);
+        let gains = Nodes::new(size, step, bands, f32::NAN);
+        let nodes = gains.columns * gains.rows;
+        let scattered = correction.glow.map(|_| Nodes::new(size, step, bands, 0.0));
+        let rendering = correction.rendering;
+        let of_band = |value: &dyn Fn(usize) -> f64| std::array::from_fn(|b| if b < bands { value(b) as f32 } else { 0.0 });
         let mut grid = Self {
             correction,
             view: *view,
-            step,
-            columns,
-            rows,
+            width,
             bands,
-            gains: vec![f32::NAN; columns * rows * bands],
-            bits: vec![mask::OFF_SURFACE; columns * rows],
-            scattered: Vec::new(),
+            gains,
+            scattered,
+            bits: vec![mask::OFF_SURFACE; nodes],
+            uneven: Vec::new(),
+            over_median: of_band(&|b| 1.0 / rendering.median_correction[b]),
+            shown: of_band(&|b| rendering.gain[b]),
             facts: FrameFacts::default(),
         };
-        if correction.glow.is_some() {
-            grid.scattered = vec![0.0; columns * rows * bands];
+        let mut sums = Sums::default();
+        let every = ((SMOOTH_RAD * view.camera.fx * nearer / step as f64) as usize).max(1);
+        // Several lamps have angles each, and relief has edges of its own: there every node is exact.
+        if every > 1 && view.relief.is_none() && view.rig.strobe.lamps.lamps().len() == 1 {
+            grid.fill_between(every, &mut sums);
+        } else {
+            (0..nodes).for_each(|i| grid.fill_exactly(i, true, &mut sums));
         }
-        let (mut shortest, mut longest, mut sum, mut met, mut capped, mut unseen, mut gain_sum) =
-            (f64::INFINITY, 0.0f64, 0.0, 0usize, 0usize, 0usize, 0.0);
-        for row in 0..rows {
-            for column in 0..columns {
-                let Some(path) = view.light_path((column * step) as f64, (row * step) as f64) else { continue };
-                let (gain, is_capped) = grid.gain(&path);
-                let start = (row * columns + column) * bands;
-                grid.gains[start..start + bands].copy_from_slice(&gain[..bands]);
-                if !grid.scattered.is_empty() {
-                    let scattered = grid.scattered((column * step) as f64, (row * step) as f64, &path);
-                    grid.scattered[start..start + bands].copy_from_slice(&scattered[..bands]);
-                }
-                let bits = grid.bits_of(is_capped, &path);
-                grid.bits[row * columns + column] = bits;
-                met += 1;
-                capped += usize::from(is_capped);
-                unseen += usize::from(bits & mask::UNSEEN_BEAM != 0);
-                (shortest, longest) = (shortest.min(path.length_m()), longest.max(path.length_m()));
-                sum += path.length_m();
-                gain_sum += f64::from(gain[..bands].iter().sum::<f32>()) / bands as f64;
-            }
-        }
-        let (nodes, met_nodes) = ((columns * rows) as f64, met.max(1) as f64);
+        let cells = |i: usize| (i / grid.gains.columns, i % grid.gains.columns);
+        let is_steep = |(least, most): (f32, f32)| most > STEEP * least;
+        grid.uneven = (0..nodes).map(cells).map(|(r, c)| (0..bands).any(|b| grid.gains.range(r, c, b).is_none_or(is_steep))).collect();
+        let met = sums.met.max(1) as f64;
         grid.facts = FrameFacts {
-            path_length_min_m: if met > 0 { shortest } else { f64::NAN },
-            path_length_mean_m: sum / met_nodes,
-            path_length_max_m: longest,
-            gain_capped_share: capped as f64 / nodes,
-            off_surface_share: 1.0 - met as f64 / nodes,
-            unseen_beam_share: unseen as f64 / nodes,
-            mean_gain: gain_sum / met_nodes,
+            path_length_min_m: sums.shortest_m.unwrap_or(f64::NAN),
+            path_length_mean_m: sums.path_m / sums.paths.max(1) as f64,
+            path_length_max_m: sums.longest_m,
+            gain_capped_share: sums.capped as f64 / nodes as f64,
+            off_surface_share: 1.0 - sums.met as f64 / nodes as f64,
+            unseen_beam_share: sums.unseen as f64 / nodes as f64,
+            mean_gain: sums.gain / met,
             ..FrameFacts::default()
         };
         grid
     }
 
-    fn bits_of(&self, is_capped: bool, path: &LightPath) -> u8 {
-        let unseen = !path.all_angles().all(|a| self.correction.model.beam_pattern.is_seen(a));
+    /// One node by the formula.
+    fn fill_exactly(&mut self, node: usize, counts_path: bool, sums: &mut Sums) {
+        let (row, column) = (node / self.gains.columns, node % self.gains.columns);
+        let (u, v) = ((column * self.gains.step) as f64, (row * self.gains.step) as f64);
+        let Some(path) = self.view.light_path(u, v) else { return };
+        if counts_path {
+            sums.path(&path);
+        }
+        let (gain, is_capped) = self.gain(&path);
+        let light = self.scattered_at(u, v, &path);
+        let seen = path.all_angles().all(|a| self.correction.model.beam_pattern.is_seen(a));
+        self.set(node, gain, light, is_capped, seen, sums);
+    }
+
+    fn set(&mut self, node: usize, gain: [f32; 3], scattered: [f32; 3], is_capped: bool, is_seen: bool, sums: &mut Sums) {
+        let (row, column) = (node / self.gains.columns, node % self.gains.columns);
+        self.gains.at_mut(row, column).copy_from_slice(&gain[..self.bands]);
+        if let Some(nodes) = &mut self.scattered {
+            nodes.at_mut(row, column).copy_from_slice(&scattered[..self.bands]);
+        }
+        self.bits[node] = self.bits_of(is_capped, is_seen);
+        sums.met += 1;
+        sums.capped += usize::from(is_capped);
+        sums.unseen += usize::from(!is_seen);
+        sums.gain += f64::from(gain[..self.bands].iter().sum::<f32>()) / self.bands as f64;
+    }
+
+    /// All nodes, from exact ones `every` so many nodes.
+    fn fill_between(&mut self, every: usize, sums: &mut Sums) {
+        let Correction { config, model, .. } = *self.correction;
+        let (columns, rows, bands, step) = (self.gains.columns, self.gains.rows, self.bands, self.gains.step);
+        // θ, φ, log of what the way took per band, scattered light per band
+        let fields = 2 + 2 * bands;
+        let mut smooth = Nodes::new((columns, rows), every, fields, f32::NAN);
+        for row in 0..smooth.rows {
+            for column in 0..smooth.columns {
+                let (u, v) = ((column * every * step) as f64, (row * every * step) as f64);
+                let Some(path) = self.view.light_path(u, v) else { continue };
+                sums.path(&path);
+                let light = self.scattered_at(u, v, &path);
+                let node = smooth.at_mut(row, column);
+                (node[0], node[1]) = (path.angles.theta_rad as f32, path.angles.phi_rad as f32);
+                for b in 0..bands {
+                    node[2 + b] = log_removed_by_way(config.method, model, &path, b) as f32;
+                    node[2 + bands + b] = light[b];
+                }
+            }
+        }
+        let by_beam = if removes_beam(config.method) { 1.0 } else { 0.0 };
+        let is_smooth = |row, column| (0..fields).all(|f| smooth.range(row, column, f).is_some_and(|(l, m)| f > 2 || m - l <= STEEP_SMOOTH));
+        let mut walk = Walk::new(&smooth, columns, None);
+        let mut line = vec![0f32; columns * fields];
+        let mut cells = Vec::new();
+        for row in 0..rows {
+            walk.row(row, &mut line);
+            if row % every == 0 {
+                cells = (0..smooth.columns).map(|column| is_smooth(row / every, column)).collect();
+            }
+            for (column, at) in line.chunks_exact(fields).enumerate() {
+                let node = row * columns + column;
+                if !cells[column / every] {
+                    self.fill_exactly(node, false, sums);
+                    continue;
+                }
+                let angles = StrobeAngles { theta_rad: f64::from(at[0]), phi_rad: f64::from(at[1]) };
+                let (log_beam, seen) = model.beam_pattern.read(angles);
+                let log_beam = by_beam * log_beam as f32;
+                let removed = std::array::from_fn(|b| if b < bands { (-log_beam - at[2 + b]).exp() } else { 0.0 });
+                let light = std::array::from_fn(|b| if b < bands { at[2 + bands + b] } else { 0.0 });
+                let (gain, is_capped) = self.held(removed);
+                self.set(node, gain, light, is_capped, seen, sums);
+            }
+        }
+    }
+
+    fn bits_of(&self, is_capped: bool, is_seen: bool) -> u8 {
         // A baseline has no gain that could be held.
         let capped = is_capped && !self.correction.config.method.is_baseline();
-        (u8::from(capped) * mask::CAPPED) | (u8::from(unseen) * mask::UNSEEN_BEAM)
+        (u8::from(capped) * mask::CAPPED) | (u8::from(!is_seen) * mask::UNSEEN_BEAM)
     }
 
     /// Adds the bits of every pixel to a mask: those of its cell's corners where they agree, its own elsewhere.
-    pub fn mark(&self, mask: &mut [u8], width: usize) {
+    pub fn mark(&self, mask: &mut [u8]) {
+        let Nodes { step, columns, rows, .. } = self.gains;
         for (i, bits) in mask.iter_mut().enumerate() {
-            let (x, y) = (i % width, i / width);
-            let (row, column) = (y / self.step, x / self.step);
-            let node = |row: usize, column: usize| self.bits[row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)];
+            let (x, y) = (i % self.width, i / self.width);
+            let node = |row: usize, column: usize| self.bits[row.min(rows - 1) * columns + column.min(columns - 1)];
+            let (row, column) = (y / step, x / step);
             let corners = [node(row, column), node(row, column + 1), node(row + 1, column), node(row + 1, column + 1)];
             *bits |= if corners.iter().all(|c| *c == corners[0]) {
                 corners[0]
             } else {
-                let own = |path: LightPath| self.bits_of(self.gain(&path).1, &path);
+                let seen = |path: &LightPath| path.all_angles().all(|a| self.correction.model.beam_pattern.is_seen(a));
+                let own = |path: LightPath| self.bits_of(self.gain(&path).1, seen(&path));
                 self.view.light_path(x as f64, y as f64).map_or(mask::OFF_SURFACE, own)
             };
         }
-    }
-
-    /// Share of the picture that shows the floor with less light than `least_signal_to_noise` times its noise, in any of the
-    /// bands a pixel has. Taken at a pixel beside each node, such that a mosaic's bands have their turns. Gains do not
-    /// matter: they make the noise as much larger as the light.
-    pub fn low_signal_share(&self, raw: &SensorImage, frame_gain: f64, noise: &Noise) -> f64 {
-        let light = &raw.light;
-        let mut low = 0usize;
-        for i in 0..self.columns * self.rows {
-            let (column, row) = (i % self.columns, i / self.columns);
-            let (x, y) = ((column * self.step + column % 2).min(light.width - 1), (row * self.step + row % 2).min(light.height - 1));
-            let is_low = |(b, value): (usize, &f32)| {
-                let band = raw.mosaic.map_or(b, |phase| phase.band(x, y));
-                let scattered = self.scattered.get(i * self.bands + band).copied().unwrap_or(0.0);
-                // Noise is that of the light as it was measured, before the frame's own gain was taken out.
-                let std = noise.std(f64::from(*value) * frame_gain) / frame_gain;
-                f64::from(*value - scattered) < self.correction.config.least_signal_to_noise * std
-            };
-            low += usize::from(self.bits[i] & mask::OFF_SURFACE == 0 && light.at(x, y).iter().enumerate().any(is_low));
-        }
-        low as f64 / (self.columns * self.rows) as f64
-    }
-
-    /// Whether a cell has a corner off the floor, or changes too much to be interpolated.
-    fn is_steep(&self, row: usize, column: usize) -> bool {
-        let at = |row: usize, column: usize| {
-            &self.gains[(row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)) * self.bands..][..self.bands]
-        };
-        let corners = [at(row, column), at(row, column + 1), at(row + 1, column), at(row + 1, column + 1)];
-        (0..self.bands).any(|b| {
-            let of_band = corners.map(|c| c[b]);
-            let (least, most) = of_band.iter().fold((f32::INFINITY, 0f32), |(l, m), v| (l.min(*v), m.max(*v)));
-            of_band.iter().any(|v| v.is_nan()) || most > STEEP * least
-        })
     }
 
     /// What the nodes say of the frame: path lengths and shares.
@@ -147,77 +242,109 @@ impl<'g> GainGrid<'g> {
         self.facts
     }
 
-    /// Gain of one way of light per band, and whether the cap holds it. All bands give way together: hue stays.
+    /// Gain of one way of light per band, and whether the cap holds it.
     fn gain(&self, path: &LightPath) -> ([f32; 3], bool) {
-        let rendering = self.correction.rendering;
-        let removed: [f64; 3] = std::array::from_fn(|b| {
-            if b < self.bands { (-log_removed(self.correction.config.method, self.correction.model, path, b)).exp() } else { 0.0 }
-        });
-        let most = (0..self.bands).map(|b| removed[b] / rendering.median_correction[b]).fold(0.0, f64::max);
-        let held = (self.correction.config.gain_cap / most).min(1.0);
-        (std::array::from_fn(|b| if b < self.bands { (removed[b] * held * rendering.gain[b]) as f32 } else { 0.0 }), held < 1.0)
+        let Correction { config, model, .. } = *self.correction;
+        self.held(std::array::from_fn(|b| if b < self.bands { (-log_removed(config.method, model, path, b)).exp() as f32 } else { 0.0 }))
+    }
+
+    /// What is to be multiplied by, held at the cap and rendered. All bands give way together: hue stays.
+    fn held(&self, removed: [f32; 3]) -> ([f32; 3], bool) {
+        let most = removed.iter().zip(self.over_median).fold(0f32, |most, (r, m)| most.max(r * m));
+        let held = (self.correction.config.gain_cap as f32 / most).min(1.0);
+        (std::array::from_fn(|b| removed[b] * held * self.shown[b]), held < 1.0)
     }
 
     /// Light that the water scattered into a pixel.
-    fn scattered(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
-        let ray = self.view.camera.image_plane(u, v);
-        let of_ray = |(x, y)| self.correction.glow.map(|(b, table)| b.light(&table.at(x, y, path.seafloor_to_camera_m)));
-        ray.and_then(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))
+    fn scattered_at(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
+        let Some((backscatter, table)) = self.correction.glow else { return [0.0; 3] };
+        let of_ray = |(x, y)| backscatter.light(&table.at(x, y, path.seafloor_to_camera_m));
+        self.view.camera.image_plane(u, v).map(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))
     }
 
-    /// Takes off what was scattered back and multiplies by the gains; each pixel of a mosaic by that of its own band.
-    pub fn multiply(&self, image: &mut SensorImage) {
-        let mosaic = image.mosaic;
-        let (width, stored, bands, step) = (image.light.width, image.light.bands, self.bands, self.step);
-        let mut line = vec![0f32; self.columns * bands];
-        let mut veil = vec![0f32; self.scattered.len().min(self.columns * bands)];
-        for (y, pixels) in image.light.pixels.chunks_exact_mut(width * stored).enumerate() {
-            let top = (y / step).min(self.rows.saturating_sub(2));
-            let share = (y - top * step) as f32 / step as f32;
-            let above = &self.gains[top * self.columns * bands..][..self.columns * bands];
-            let below = &self.gains[(top + 1).min(self.rows - 1) * self.columns * bands..][..self.columns * bands];
-            for ((l, a), b) in line.iter_mut().zip(above).zip(below) {
-                *l = a + (b - a) * share;
-            }
-            if !veil.is_empty() {
-                let above = &self.scattered[top * self.columns * bands..][..self.columns * bands];
-                let below = &self.scattered[(top + 1).min(self.rows - 1) * self.columns * bands..][..self.columns * bands];
-                for ((l, a), b) in veil.iter_mut().zip(above).zip(below) {
-                    *l = a + (b - a) * share;
-                }
-            }
-            // Bands of the pixels of a row: all of them, or by turns where there is a mosaic.
-            let of_band = |x: usize| mosaic.map_or([0, 1, 2], |phase| [phase.band(x, y); 3]);
-            let by_turns = [of_band(0), of_band(1)];
-            for (column, cell) in pixels.chunks_mut(step * stored).enumerate() {
-                let (left, right) = (&line[column * bands..][..bands], &line[(column + 1).min(self.columns - 1) * bands..][..bands]);
-                let first = column * step;
-                if self.is_steep(top, column) {
-                    for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
-                        let (u, v) = ((first + x) as f64, y as f64);
-                        let of_path = |path| (self.gain(&path).0, self.scattered(u, v, &path));
-                        let (gain, scattered) = self.view.light_path(u, v).map_or(([0.0; 3], [0.0; 3]), of_path);
-                        pixel.iter_mut().zip(of_band(first + x)).for_each(|(value, band)| *value = (*value - scattered[band]) * gain[band]);
-                    }
-                    continue;
-                }
-                if !veil.is_empty() {
-                    let (left, right) = (&veil[column * bands..][..bands], &veil[(column + 1).min(self.columns - 1) * bands..][..bands]);
-                    for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
-                        let share = x as f32 / step as f32;
-                        for (value, band) in pixel.iter_mut().zip(by_turns[(first + x) % 2]) {
-                            *value -= left[band] + (right[band] - left[band]) * share;
-                        }
-                    }
-                }
-                for (x, pixel) in cell.chunks_exact_mut(stored).enumerate() {
-                    let share = x as f32 / step as f32;
-                    for (value, band) in pixel.iter_mut().zip(by_turns[(first + x) % 2]) {
-                        *value *= left[band] + (right[band] - left[band]) * share;
+    /// To walk down the rows of a picture with.
+    pub fn rows(&'g self, mosaic: Option<Phase>) -> GainRows<'g> {
+        let stored = if mosaic.is_some() { 1 } else { self.bands };
+        let walk = |nodes| Walk::new(nodes, self.width, mosaic);
+        GainRows {
+            grid: self,
+            mosaic,
+            gains: walk(&self.gains),
+            scattered: self.scattered.as_ref().map(walk),
+            gain: vec![0.0; self.width * stored],
+            veil: vec![0.0; if self.scattered.is_some() { self.width * stored } else { 0 }],
+        }
+    }
+}
+
+/// Gains of one row of pixels after another; of a mosaic, each pixel's is that of its own band.
+pub struct GainRows<'g> {
+    grid: &'g GainGrid<'g>,
+    mosaic: Option<Phase>,
+    gains: Walk<'g>,
+    scattered: Option<Walk<'g>>,
+    gain: Vec<f32>,
+    veil: Vec<f32>,
+}
+
+impl GainRows<'_> {
+    /// Goes to row `y`.
+    pub fn go_to(&mut self, y: usize) {
+        let grid = self.grid;
+        self.gains.row(y, &mut self.gain);
+        if let Some(walk) = &mut self.scattered {
+            walk.row(y, &mut self.veil);
+        }
+        let (step, columns) = (grid.gains.step, grid.gains.columns);
+        let stored = if self.mosaic.is_some() { 1 } else { grid.bands };
+        let cells = &grid.uneven[(y / step).min(grid.gains.rows - 1) * columns..][..columns];
+        for (column, _) in cells.iter().enumerate().filter(|(_, uneven)| **uneven) {
+            for x in column * step..((column + 1) * step).min(grid.width) {
+                let (u, v) = (x as f64, y as f64);
+                let of_path = |path| (grid.gain(&path).0, grid.scattered_at(u, v, &path));
+                let (gain, scattered) = grid.view.light_path(u, v).map_or(([0.0; 3], [0.0; 3]), of_path);
+                for b in 0..stored {
+                    let band = self.mosaic.map_or(b, |phase| phase.band(x, y));
+                    self.gain[x * stored + b] = gain[band];
+                    if let Some(veil) = self.veil.get_mut(x * stored + b) {
+                        *veil = scattered[band];
                     }
                 }
             }
         }
+    }
+
+    /// Takes off what was scattered back and multiplies by the gains of the row gone to.
+    pub fn multiply(&self, light: &mut [f32]) {
+        if !self.veil.is_empty() {
+            light.iter_mut().zip(&self.veil).for_each(|(v, veil)| *v -= veil);
+        }
+        light.iter_mut().zip(&self.gain).for_each(|(v, gain)| *v *= gain);
+    }
+
+    /// Of one row in so many, looks at one pixel in so many: how many show the floor with less light than
+    /// `least_signal_to_noise` times its noise, in any of the bands a pixel has; and how many were looked at. A mosaic's
+    /// bands have their turns. Gains do not matter: they make the noise as much larger as the light.
+    pub fn low_signal(&self, y: usize, raw: &[f32], frame_gain: f64, noise: &Noise) -> (usize, usize) {
+        const EVERY: usize = 16;
+        let row = y / EVERY;
+        if y != row * EVERY + row % 2 {
+            return (0, 0);
+        }
+        let (grid, stored) = (self.grid, raw.len() / self.grid.width);
+        let (step, columns, rows) = (grid.gains.step, grid.gains.columns, grid.gains.rows);
+        let (mut low, mut looked) = (0, 0);
+        for x in (0..grid.width / EVERY).map(|column| column * EVERY + column % 2) {
+            let is_low = |b: usize| {
+                let light = f64::from(raw[x * stored + b] - self.veil.get(x * stored + b).copied().unwrap_or(0.0));
+                // Noise is that of the light as it was measured, before the frame's own gain was taken out.
+                light < grid.correction.config.least_signal_to_noise * noise.std(f64::from(raw[x * stored + b]) * frame_gain) / frame_gain
+            };
+            let bits = grid.bits[(y / step).min(rows - 1) * columns + (x / step).min(columns - 1)];
+            low += usize::from(bits & mask::OFF_SURFACE == 0 && (0..stored).any(is_low));
+            looked += 1;
+        }
+        (low, looked)
     }
 }
 
@@ -234,7 +361,7 @@ mod tests {
 
     /// The interpolated gain against the exact formula, on a tilted floor, with part of the picture above the horizon.
     #[test]
-    fn the_grid_is_within_two_thousandths_of_the_formula() {
+    fn the_grid_is_within_a_thousandth_of_the_formula() {
         let nodes = Nodes::new(41, 70.0);
         let pattern: Vec<Option<f64>> = (0..41 * 41).map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2))).collect();
         let model = ImagingModel {
@@ -242,7 +369,7 @@ mod tests {
             attenuation_per_m: [0.5, 0.15, 0.1],
             spreading: SpreadingModel::of(Spreading::Strobe),
             incidence: true,
-            beam_pattern: BeamPattern::from_nodes(nodes, &pattern),
+            beam_pattern: BeamPattern::from_nodes(nodes, &pattern).refined(8),
             over_time: Default::default(),
             backscatter: None,
         };
@@ -256,6 +383,7 @@ mod tests {
             glow: None,
             means: &MeanFrames::default(),
             clipped_above: 1.0,
+            roughness: model.beam_pattern.roughness(0.05),
             electrons: Default::default(),
         };
         let camera = Camera::from_field_of_view(643, 451, 55.0);
@@ -276,13 +404,16 @@ mod tests {
                 strobe: StrobeMount { lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])), source: None },
             };
             let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
-            let mut image = SensorImage { light: LinearImage::new(643, 451, 3), mosaic: None };
-            image.light.pixels.fill(1.0);
+            let mut image = LinearImage::new(643, 451, 3);
+            image.pixels.fill(1.0);
             let grid = GainGrid::new(&correction, &view, 643, 451, 3);
             let mut bits = vec![0; 643 * 451];
-            grid.mark(&mut bits, 643);
-            grid.multiply(&mut image);
-            let image = image.light;
+            grid.mark(&mut bits);
+            let mut rows = grid.rows(None);
+            for (y, row) in image.pixels.chunks_exact_mut(3 * 643).enumerate() {
+                rows.go_to(y);
+                rows.multiply(row);
+            }
             let (mut worst, mut off) = (0f64, 0);
             for y in (0..451).step_by(3) {
                 for x in (0..643).step_by(3) {
@@ -299,7 +430,7 @@ mod tests {
                     }
                 }
             }
-            assert!(worst < if pitch_deg < 60.0 { 2e-3 } else { 2e-2 }, "{worst} at {pitch_deg}°");
+            assert!(worst < if pitch_deg < 60.0 { 1e-3 } else { 4e-3 }, "{worst} at {pitch_deg}°");
             assert!((off > 0) == (pitch_deg > 60.0), "{off} off the floor at {pitch_deg}°");
         }
     }

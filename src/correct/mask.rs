@@ -1,6 +1,5 @@
 //! What not to trust in a corrected picture, pixel by pixel: a picture of bits beside it (`--mask`).
 
-use crate::image::{LinearImage, SensorImage};
 use crate::vehicle::Camera;
 
 /// The input was at full scale here, or so near that demosaicing takes colour from there.
@@ -17,18 +16,30 @@ pub const OUTSIDE: u8 = 16;
 /// How far demosaicing reaches [px].
 const MOSAIC_REACH: usize = 2;
 
-/// Marks what is clipped in the input.
-pub fn clipped(raw: &SensorImage, above: f32) -> Vec<u8> {
-    let LinearImage { width, height, bands, ref pixels } = raw.light;
-    let mut mask = vec![0; width * height];
-    let reach = if raw.mosaic.is_some() { MOSAIC_REACH } else { 0 };
-    for (i, _) in pixels.chunks_exact(bands).enumerate().filter(|(_, pixel)| pixel.iter().any(|v| *v >= above)) {
-        let (x, y) = (i % width, i / width);
-        for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
-            mask[row * width + x.saturating_sub(reach)..row * width + (x + reach + 1).min(width)].fill(CLIPPED);
+/// Marks what is clipped in the input, row by row.
+pub struct Clipped {
+    /// by pixel
+    pub bits: Vec<u8>,
+    width: usize,
+    height: usize,
+    reach: usize,
+}
+
+impl Clipped {
+    /// Nothing marked yet.
+    pub fn new(width: usize, height: usize, is_mosaic: bool) -> Self {
+        Self { bits: vec![0; width * height], width, height, reach: if is_mosaic { MOSAIC_REACH } else { 0 } }
+    }
+
+    /// Marks what reaches `above` in row `y`, and what demosaicing takes colour from there.
+    pub fn row(&mut self, y: usize, light: &[f32], above: f32) {
+        let Self { width, height, reach, .. } = *self;
+        for (x, _) in light.chunks_exact(light.len() / width).enumerate().filter(|(_, pixel)| pixel.iter().any(|v| *v >= above)) {
+            for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
+                self.bits[row * width + x.saturating_sub(reach)..row * width + (x + reach + 1).min(width)].fill(CLIPPED);
+            }
         }
     }
-    mask
 }
 
 /// The mask of a rectified picture: all bits of the pixels that one is made from.
@@ -49,14 +60,18 @@ pub fn undistorted(mask: &[u8], from: &Camera, to: &Camera) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::demosaic::Phase;
 
     #[test]
     fn a_clipped_pixel_of_a_mosaic_marks_those_that_take_colour_from_it() {
-        let mut light = LinearImage::new(9, 7, 1);
-        light.pixels[3 * 9 + 4] = 1.0;
-        let count = |mosaic| clipped(&SensorImage { light: light.clone(), mosaic }, 0.98).iter().filter(|b| **b == CLIPPED).count();
-        assert_eq!((count(None), count(Some(Phase::Rggb))), (1, 25));
+        let count = |is_mosaic| {
+            let mut clipped = Clipped::new(9, 7, is_mosaic);
+            for y in 0..7 {
+                let light: Vec<f32> = (0..9).map(|x| if (x, y) == (4, 3) { 1.0 } else { 0.0 }).collect();
+                clipped.row(y, &light, 0.98);
+            }
+            clipped.bits.iter().filter(|b| **b == CLIPPED).count()
+        };
+        assert_eq!((count(false), count(true)), (1, 25));
     }
 
     #[test]

@@ -6,12 +6,13 @@
 //!
 //! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; but in `baselines`,
 //! which are there for comparison, no statistic of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
-//! evaluated on a coarse grid and interpolated: it is smooth, pixels are many. Where a ray never meets the floor
-//! there is no gain: the pixel stays black and is counted. Codecs do not live here.
+//! evaluated on a coarse grid and interpolated: it is smooth, pixels are many. A frame goes by in rows, so that what is worked on
+//! stays near the processor. Where a ray never meets the floor there is no gain: the pixel stays black and is counted. Codecs do not live here.
 
 mod baselines;
 mod gain;
 pub mod mask;
+mod nodes;
 mod rendering;
 
 pub use baselines::MeanFrames;
@@ -19,8 +20,11 @@ pub use rendering::rendering;
 
 use crate::config::{Method, RenderConfig};
 use crate::geometry::{LightPath, View};
+use crate::image::LinearImage;
+use crate::image::decode::Codes;
+use crate::image::demosaic::Demosaic;
+use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
-use crate::image::{LinearImage, SensorImage};
 use crate::model::{Backscatter, GlowTable, ImagingModel, RenderingFile};
 use crate::vehicle::Camera;
 use gain::GainGrid;
@@ -28,8 +32,10 @@ use gain::GainGrid;
 /// How a whole log is corrected.
 #[derive(Clone, Copy)]
 pub struct Correction<'m> {
-    /// the model
+    /// the model, its beam pattern [`refined`](crate::model::BeamPattern::refined)
     pub model: &'m ImagingModel,
+    /// of that beam pattern, see [`roughness`](crate::model::BeamPattern::roughness)
+    pub roughness: (f64, f64),
     /// exposure, white balance and the cap's reference
     pub rendering: &'m RenderingFile,
     /// the choices
@@ -71,56 +77,113 @@ pub struct FrameFacts {
     pub low_signal_share: f64,
 }
 
-/// A corrected frame: light where 1 is white, and what happened.
+/// A frame as it came, and what is known of it.
+#[derive(Clone, Copy)]
+pub struct Frame<'f> {
+    /// the picture
+    pub codes: &'f Codes<'f>,
+    /// what lens and sensor took of its light
+    pub flat_field: Option<&'f FlatField>,
+    /// its geometry
+    pub view: &'f View<'f>,
+    /// light it got over its neighbours'
+    pub gain: f64,
+    /// how far its codes can be trusted
+    pub noise: &'f Noise,
+    /// the camera of a rectified picture, where lens distortion is to be undone as well
+    pub rectified: Option<&'f Camera>,
+}
+
+/// What happened to a frame, beside its pixels.
 #[derive(Clone, Debug)]
 pub struct Corrected {
-    /// the picture
-    pub image: LinearImage,
     /// bits by pixel, where they are wanted
     pub mask: Option<Vec<u8>>,
     /// what happened
     pub facts: FrameFacts,
 }
 
+/// Pixels of a row with a band that reaches a level.
+fn reaching(row: &[f32], bands: usize, level: f32) -> usize {
+    // Most rows have none, and that is told without branches.
+    let any = row.iter().fold(false, |any, v| any | (*v >= level));
+    if any { row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count() } else { 0 }
+}
+
 impl Correction<'_> {
-    /// Corrects one frame: a mosaic first, while each pixel is one band, then all bands. With the camera of a
-    /// rectified picture, lens distortion is undone as well. `frame_gain` is the light this frame got over its neighbours'.
-    pub fn apply(&self, mut raw: SensorImage, view: &View<'_>, frame_gain: f64, rectified: Option<&Camera>, noise: &Noise) -> Corrected {
-        let pixels = (raw.light.width * raw.light.height) as f64;
-        let shares =
-            |image: &LinearImage, most: f32| image.pixels.chunks_exact(image.bands).filter(|p| p.iter().any(|v| *v >= most)).count() as f64 / pixels;
-        let clipped_input_share = shares(&raw.light, self.clipped_above);
-        let mut mask = self.config.mask.then(|| mask::clipped(&raw, self.clipped_above));
-        let method = self.config.method;
+    /// Corrects one frame, row by row from codes to light where 1 is white: a mosaic first, while each pixel is one band, then
+    /// all bands. `take` gets the rows of the corrected picture in order; it may change them.
+    pub fn apply(&self, frame: &Frame<'_>, mut take: impl FnMut(&mut [f32])) -> Corrected {
+        let Frame { codes, view, .. } = *frame;
+        let (width, height, stored, bands) = (codes.width, codes.height, codes.stored_bands(), codes.bands());
+        let is_baseline = self.config.method.is_baseline();
         // Baselines know nothing of gains, as the log does not say which frames are brighter for the light's sake.
-        if frame_gain != 1.0 && !method.is_baseline() {
-            raw.light.pixels.iter_mut().for_each(|v| *v /= frame_gain as f32);
+        let frame_gain = if is_baseline { 1.0 } else { frame.gain };
+        let white = self.config.white() as f32;
+        let grid = GainGrid::new(self, view, width, height, bands);
+        let mut gains = grid.rows(codes.mosaic);
+        let mut mask = self.config.mask.then(|| mask::Clipped::new(width, height, codes.mosaic.is_some()));
+        let mut demosaic = codes.mosaic.map(|phase| Demosaic::new(width, height, phase));
+        let wants_whole = is_baseline || frame.rectified.is_some();
+        let mut whole = LinearImage { width, height, bands, pixels: Vec::with_capacity(if wants_whole { width * height * bands } else { 0 }) };
+        let (mut clipped_input, mut clipped_output, mut low, mut looked) = (0, 0, 0, 0);
+        let mut out = |row: &mut [f32]| {
+            if wants_whole {
+                whole.pixels.extend_from_slice(row);
+            } else {
+                clipped_output += reaching(row, bands, white);
+                take(row);
+            }
+        };
+        let mut row = vec![0f32; width * stored];
+        for y in 0..height {
+            codes.light_row(y, &mut row);
+            if let Some(flat) = frame.flat_field {
+                flat.divide_row(y, codes.mosaic, &mut row);
+            }
+            clipped_input += reaching(&row, stored, self.clipped_above);
+            if let Some(mask) = &mut mask {
+                mask.row(y, &row, self.clipped_above);
+            }
+            if frame_gain != 1.0 {
+                row.iter_mut().for_each(|v| *v /= frame_gain as f32);
+            }
+            gains.go_to(y);
+            let (l, n) = gains.low_signal(y, &row, frame_gain, frame.noise);
+            (low, looked) = (low + l, looked + n);
+            if !is_baseline {
+                gains.multiply(&mut row);
+            }
+            match &mut demosaic {
+                Some(demosaic) => demosaic.push(&row, &mut out),
+                None => out(&mut row),
+            }
         }
-        let grid = GainGrid::new(self, view, raw.light.width, raw.light.height, raw.bands());
-        let low_signal_share = grid.low_signal_share(&raw, if method.is_baseline() { 1.0 } else { frame_gain }, noise);
+        let mut mask = mask.map(|mask| mask.bits);
         if let Some(mask) = &mut mask {
-            grid.mark(mask, raw.light.width);
+            grid.mark(mask);
         }
-        if !method.is_baseline() {
-            grid.multiply(&mut raw);
+        if wants_whole {
+            baselines::apply(self.config.method, &mut whole, self.means, view.camera_altitude_m());
+            if let Some(camera) = frame.rectified {
+                whole = undistorted(&whole, view.camera, camera);
+                mask = mask.map(|mask| mask::undistorted(&mask, view.camera, camera));
+            }
+            for row in whole.pixels.chunks_exact_mut(whole.width * bands) {
+                clipped_output += reaching(row, bands, white);
+                take(row);
+            }
         }
-        let mut image = raw.into_bands();
-        baselines::apply(method, &mut image, self.means, view.camera_altitude_m());
-        if let Some(camera) = rectified {
-            image = undistorted(&image, view.camera, camera);
-            mask = mask.map(|mask| mask::undistorted(&mask, view.camera, camera));
-        }
-        let clipped_output_share = shares(&image, self.config.white() as f32);
         let of_gains = grid.facts();
-        let of_gains = if method.is_baseline() { FrameFacts { gain_capped_share: 0.0, mean_gain: f64::NAN, ..of_gains } } else { of_gains };
+        let of_gains = if is_baseline { FrameFacts { gain_capped_share: 0.0, mean_gain: f64::NAN, ..of_gains } } else { of_gains };
+        let pixels = (width * height) as f64;
         Corrected {
-            image,
             mask,
             facts: FrameFacts {
                 camera_altitude_m: view.camera_altitude_m(),
-                clipped_input_share,
-                clipped_output_share,
-                low_signal_share,
+                clipped_input_share: clipped_input as f64 / pixels,
+                clipped_output_share: clipped_output as f64 / pixels,
+                low_signal_share: low as f64 / looked.max(1) as f64,
                 ..of_gains
             },
         }
@@ -129,11 +192,32 @@ impl Correction<'_> {
 
 /// Log of what a method divides out of one band for one way of light (Fig. 10).
 fn log_removed(method: Method, model: &ImagingModel, path: &LightPath, band: usize) -> f64 {
+    match path.legs() {
+        [] => {
+            let beam = if removes_beam(method) { model.beam_pattern.log_gain(path.angles) } else { 0.0 };
+            beam + log_removed_by_way(method, model, path, band)
+        }
+        // Light of several lamps is a sum; what a lamp's beam alone does is told by the difference.
+        _ => match method {
+            Method::Attenuation => log_removed_by_way(method, model, path, band),
+            Method::BeamPattern => model.log_light(path, band) - model.log_water(path, band) - model.log_geometry(path),
+            _ => model.log_light(path, band),
+        },
+    }
+}
+
+/// Whether a method divides by the beam pattern. Baselines divide nothing out; what full correction would have done stands in
+/// the facts.
+fn removes_beam(method: Method) -> bool {
+    method != Method::Attenuation
+}
+
+/// What of that is not the beam pattern's, for one lamp: smooth in the pixel.
+fn log_removed_by_way(method: Method, model: &ImagingModel, path: &LightPath, band: usize) -> f64 {
     match method {
         Method::Attenuation => model.log_water(path, band) + model.spreading.log_light(path),
-        Method::BeamPattern => model.log_light(path, band) - model.log_water(path, band) - model.log_geometry(path),
-        // Baselines divide nothing out; what full correction would have done stands in the facts.
-        _ => model.log_light(path, band),
+        Method::BeamPattern => 0.0,
+        _ => model.log_water(path, band) + model.log_geometry(path),
     }
 }
 

@@ -3,6 +3,7 @@
 //! In: bytes of a message. Out: light per band, 1 = full scale, and how the picture was coded. What the
 //! camera's lens or exposure did to the light does not live here.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 
 use image::ImageDecoder;
@@ -110,20 +111,103 @@ fn samples(encoding: &str) -> Option<Samples> {
 /// Decodes a picture into linear light.
 ///
 /// # Errors
-/// A sentence: an encoding that is not read, sizes that contradict the data, a damaged file.
+/// See [`codes`].
 pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, String> {
+    let codes = codes(encoded, light)?;
+    let mut image = LinearImage::new(codes.width, codes.height, codes.stored_bands());
+    for (y, row) in image.pixels.chunks_exact_mut(codes.width * image.bands).enumerate() {
+        codes.light_row(y, row);
+    }
+    Ok(Decoded { image: SensorImage { light: image, mosaic: codes.mosaic }, coding: codes.coding })
+}
+
+/// A picture out of its container, before its codes are light: rows become light one at a time, where they are used.
+pub struct Codes<'a> {
+    /// [px]
+    pub width: usize,
+    /// [px]
+    pub height: usize,
+    /// the mosaic's phase
+    pub mosaic: Option<Phase>,
+    /// how it was coded
+    pub coding: Coding,
+    samples: Samples,
+    data: Cow<'a, [u8]>,
+    /// bytes from one row to the next
+    step: usize,
+    law: Law<'a>,
+}
+
+/// Codes → light.
+enum Law<'a> {
+    /// 8 bits
+    Table(Box<[f32; 256]>),
+    /// 16 bits
+    Wide { big_endian: bool, white: f32, transfer: Transfer, response: Option<&'a Response> },
+}
+
+impl Codes<'_> {
+    /// Values per pixel as it is stored: 1 for a mosaic.
+    pub fn stored_bands(&self) -> usize {
+        if self.samples.channels >= 3 { 3 } else { 1 }
+    }
+
+    /// Bands once it is demosaiced.
+    pub fn bands(&self) -> usize {
+        if self.mosaic.is_some() { 3 } else { self.stored_bands() }
+    }
+
+    /// Light of a row, `width × stored_bands` values.
+    pub fn light_row(&self, y: usize, out: &mut [f32]) {
+        let Samples { channels, bytes, swapped, .. } = self.samples;
+        let row = &self.data[y * self.step..][..self.width * channels * bytes];
+        let bands = self.stored_bands();
+        let place = |band: usize| if swapped { bands - 1 - band } else { band };
+        match &self.law {
+            Law::Table(table) if channels == bands && !swapped => {
+                out.iter_mut().zip(row).for_each(|(v, code)| *v = table[usize::from(*code)]);
+            }
+            Law::Table(table) => {
+                for (pixel, codes) in out.chunks_exact_mut(bands).zip(row.chunks_exact(channels)) {
+                    pixel.iter_mut().enumerate().for_each(|(band, v)| *v = table[usize::from(codes[place(band)])]);
+                }
+            }
+            Law::Wide { big_endian, white, transfer, response } => {
+                let read = |at: &[u8]| if *big_endian { u16::from_be_bytes([at[0], at[1]]) } else { u16::from_le_bytes([at[0], at[1]]) };
+                if channels == bands && !swapped {
+                    out.iter_mut().zip(row.chunks_exact(2)).for_each(|(v, code)| *v = f32::from(read(code)) / white);
+                } else {
+                    for (pixel, codes) in out.chunks_exact_mut(bands).zip(row.chunks_exact(2 * channels)) {
+                        pixel.iter_mut().enumerate().for_each(|(band, v)| *v = f32::from(read(&codes[2 * place(band)..])) / white);
+                    }
+                }
+                match response {
+                    Some(response) => out.iter_mut().for_each(|v| *v = response.to_linear(f64::from(v.min(1.0))) as f32),
+                    None if *transfer != Transfer::Linear => out.iter_mut().for_each(|v| *v = transfer.to_linear(f64::from(v.min(1.0))) as f32),
+                    None => {}
+                }
+            }
+        }
+    }
+}
+
+/// Takes a picture out of its container.
+///
+/// # Errors
+/// A sentence: an encoding that is not read, sizes that contradict the data, a damaged file.
+pub fn codes<'a>(encoded: &EncodedImage<'a>, light: Light<'a>) -> Result<Codes<'a>, String> {
     match *encoded {
         EncodedImage::Raw { width, height, encoding, step, data, .. } if yuv::is_yuv(encoding) => {
             ensure_size(width, height)?;
             let rgb = yuv::to_rgb8(encoding, (width, height), step, data).ok_or_else(|| misfit(encoded))?;
             let s = Samples { channels: 3, bytes: 1, swapped: false, bayer: None };
-            linear(rgb.chunks_exact(3 * width), width, height, s, false, Container::Raw, light)
+            Ok(of_samples(rgb.into(), (width, height, 3 * width), s, false, Container::Raw, light))
         }
         EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
             ensure_size(width, height)?;
             if let Some((packing, s)) = Packing::of(encoding).and_then(|p| samples(&p.unpacked).map(|s| (p, s))) {
                 let unpacked = packing.unpack((width, height), step, data).ok_or_else(|| misfit(encoded))?;
-                return linear(unpacked.chunks_exact(2 * width), width, height, s, false, Container::Raw, light);
+                return Ok(of_samples(unpacked.into(), (width, height, 2 * width), s, false, Container::Raw, light));
             }
             let s = samples(encoding).ok_or_else(|| not_read(encoding))?;
             let row = width * s.channels * s.bytes;
@@ -131,8 +215,7 @@ pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, S
             if step < row || needed.is_none_or(|n| n > data.len()) {
                 return Err(misfit(encoded));
             }
-            let rows = (0..height).map(|y| &data[y * step..y * step + row]);
-            linear(rows, width, height, s, big_endian, Container::Raw, light)
+            Ok(of_samples(data.into(), (width, height, step), s, big_endian, Container::Raw, light))
         }
         EncodedImage::Compressed { format, data } => compressed(format, data, light),
         EncodedImage::Video { codec } => Err(format!("{codec} video is not read")),
@@ -236,7 +319,7 @@ fn webp_container(data: &[u8]) -> Container {
     if lossless { Container::Png } else { Container::Jpeg { subsampled: true } }
 }
 
-fn compressed(format: &str, data: &[u8], light: Light<'_>) -> Result<Decoded, String> {
+fn compressed<'a>(format: &str, data: &[u8], light: Light<'a>) -> Result<Codes<'a>, String> {
     let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
     let (mut decoder, container): (Box<dyn ImageDecoder + '_>, _) = match data {
         [0xff, 0xd8, ..] if !jpeg_has_end(data) => return Err("the picture cannot be decoded: a JPEG that was cut short".into()),
@@ -275,84 +358,73 @@ fn compressed(format: &str, data: &[u8], light: Light<'_>) -> Result<Decoded, St
     let bayer = if channels == 1 && !was_debayered { samples(original.trim()).and_then(|s| s.bayer) } else { None };
     let s = Samples { channels, bytes, swapped: false, bayer };
     let stride = width * channels * bytes;
-    linear(pixels.chunks_exact(stride), width, height, s, cfg!(target_endian = "big"), container, light)
+    Ok(of_samples(pixels.into(), (width, height, stride), s, cfg!(target_endian = "big"), container, light))
 }
 
-fn linear<'a>(
-    rows: impl Iterator<Item = &'a [u8]>,
-    width: usize,
-    height: usize,
-    s: Samples,
+fn of_samples<'a>(
+    data: Cow<'a, [u8]>,
+    (width, height, step): (usize, usize, usize),
+    samples: Samples,
     big_endian: bool,
     container: Container,
-    light: Light<'_>,
-) -> Result<Decoded, String> {
+    light: Light<'a>,
+) -> Codes<'a> {
     let transfer = match light.transfer {
-        Transfer::Auto if s.bytes == 2 || s.bayer.is_some() => Transfer::Linear,
+        Transfer::Auto if samples.bytes == 2 || samples.bayer.is_some() => Transfer::Linear,
         Transfer::Auto => Transfer::Srgb,
         chosen => chosen,
     };
-    let bands = if s.channels >= 3 { 3 } else { 1 };
-    let mut pixels = Vec::with_capacity(width * height * bands);
-    let mut bits_used = 0u16;
-    if s.bytes == 1 {
+    let (law, bits_used) = if samples.bytes == 1 {
         let table = match light.response {
             Some(response) => std::array::from_fn(|code| response.to_linear(code as f64 / 255.0) as f32),
             None => transfer.table8(),
         };
-        for row in rows {
-            for pixel in row.chunks_exact(s.channels) {
-                for band in 0..bands {
-                    let code = pixel[if s.swapped { bands - 1 - band } else { band }];
-                    bits_used |= u16::from(code);
-                    pixels.push(table[usize::from(code)]);
-                }
-            }
-        }
+        (Law::Table(Box::new(table)), 0xff)
     } else {
+        let row = width * samples.channels * 2;
+        let of_row = |y: usize| data[y * step..][..row].chunks_exact(2).fold(0, |bits, code| bits | u16::from_le_bytes([code[0], code[1]]));
+        let bits = (0..height).fold(0, |bits, y| bits | of_row(y));
         let white = f32::from(light.white_level.unwrap_or(u16::MAX));
-        let read = if big_endian { u16::from_be_bytes } else { u16::from_le_bytes };
-        for row in rows {
-            for pixel in row.chunks_exact(2 * s.channels) {
-                for band in 0..bands {
-                    let at = 2 * if s.swapped { bands - 1 - band } else { band };
-                    let code = read([pixel[at], pixel[at + 1]]);
-                    bits_used |= code;
-                    pixels.push(f32::from(code) / white);
-                }
-            }
-        }
-        if let Some(response) = light.response {
-            for v in &mut pixels {
-                *v = response.to_linear(f64::from(v.min(1.0))) as f32;
-            }
-        } else if transfer != Transfer::Linear {
-            for v in &mut pixels {
-                *v = transfer.to_linear(f64::from(v.min(1.0))) as f32;
-            }
-        }
-    }
-    let coding = Coding { bits: 8 * s.bytes as u8, container, transfer, bits_used };
-    Ok(Decoded { image: SensorImage { light: LinearImage { width, height, bands, pixels }, mosaic: s.bayer }, coding })
+        (Law::Wide { big_endian, white, transfer, response: light.response }, if big_endian { bits.swap_bytes() } else { bits })
+    };
+    let coding = Coding { bits: 8 * samples.bytes as u8, container, transfer, bits_used };
+    Codes { width, height, mosaic: samples.bayer, coding, samples, data, step, law }
 }
 
-/// Whether a JPEG's scan comes to an end. The decoder shows grey where it does not, and nobody would know.
+/// Shows the segments before a JPEG's first scan; where that begins.
+fn jpeg_segments(data: &[u8], mut see: impl FnMut(u8, &[u8])) -> Option<usize> {
+    let mut at = 2;
+    loop {
+        let &[0xff, marker, hi, lo] = data.get(at..at + 4)? else { return None };
+        if marker == 0xff {
+            at += 1; // a filling byte
+            continue;
+        }
+        let length = usize::from(u16::from_be_bytes([hi, lo])).max(2);
+        if marker == 0xda {
+            return Some(at);
+        }
+        see(marker, data.get(at + 4..at + 2 + length)?);
+        at += 2 + length;
+    }
+}
+
+/// Whether a JPEG's scan comes to an end. The decoder shows grey where it does not, and nobody would know. A
+/// thumbnail's end lies before the scan.
 fn jpeg_has_end(data: &[u8]) -> bool {
     let last = |marker: [u8; 2]| data.windows(2).rposition(|w| w == marker);
-    // A thumbnail's end lies before the scan.
-    last([0xff, 0xd9]).zip(last([0xff, 0xda])).is_some_and(|(end, scan)| end > scan)
+    let scan = || jpeg_segments(data, |_, _| {}).or_else(|| last([0xff, 0xda]));
+    last([0xff, 0xd9]).is_some_and(|end| scan().is_some_and(|scan| end > scan))
 }
 
 /// Whether a JPEG's frame header gives its first component finer sampling than the others.
 fn jpeg_is_subsampled(data: &[u8]) -> bool {
-    let mut at = 2;
-    while let Some([0xff, marker, hi, lo]) = data.get(at..at + 4) {
-        let length = usize::from(u16::from_be_bytes([*hi, *lo]));
+    let mut subsampled = false;
+    jpeg_segments(data, |marker, body| {
         if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
-            let components = data.get(at + 9).copied().unwrap_or(1);
-            return components >= 3 && data.get(at + 11).is_some_and(|sampling| *sampling != 0x11);
+            let components = body.get(5).copied().unwrap_or(1);
+            subsampled = components >= 3 && body.get(7).is_some_and(|sampling| *sampling != 0x11);
         }
-        at += 2 + length.max(2);
-    }
-    false
+    });
+    subsampled
 }

@@ -37,54 +37,94 @@ impl Phase {
 }
 
 const MARGIN: usize = 2;
+/// Rows that one row of colour is made from.
+const ROWS: usize = 2 * MARGIN + 1;
+
+/// A mosaic that comes row by row: colour follows two rows behind, so that no more than five are held.
+pub struct Demosaic {
+    width: usize,
+    height: usize,
+    phase: Phase,
+    /// the last five rows with their margins, by number modulo five
+    rows: [Vec<f32>; ROWS],
+    pushed: usize,
+    color: Vec<f32>,
+}
+
+/// Index `i` mirrored about the first and the last of `n`, which keeps the phase.
+fn mirrored(i: isize, n: usize) -> usize {
+    let last = n as isize - 1;
+    (last - (last - i.abs()).abs()) as usize
+}
+
+impl Demosaic {
+    /// For pictures of at least 3×3 pixels.
+    pub fn new(width: usize, height: usize, phase: Phase) -> Self {
+        let row = || vec![0.0; width + 2 * MARGIN];
+        Self { width, height, phase, rows: std::array::from_fn(|_| row()), pushed: 0, color: vec![0.0; 3 * width] }
+    }
+
+    /// Takes the next row of the mosaic; hands on each row of colour that it completes.
+    pub fn push(&mut self, source: &[f32], mut take: impl FnMut(&mut [f32])) {
+        let row = &mut self.rows[self.pushed % ROWS];
+        row[MARGIN..MARGIN + self.width].copy_from_slice(source);
+        for x in (0..MARGIN).chain(MARGIN + self.width..self.width + 2 * MARGIN) {
+            row[x] = source[mirrored(x as isize - MARGIN as isize, self.width)];
+        }
+        self.pushed += 1;
+        let complete = if self.pushed == self.height { self.pushed } else { self.pushed.saturating_sub(MARGIN) };
+        for y in self.pushed.saturating_sub(1 + MARGIN)..complete {
+            let rows = std::array::from_fn(|k| self.rows[mirrored((y + k) as isize - MARGIN as isize, self.height) % ROWS].as_slice());
+            let (red_row, red_column) = self.phase.red();
+            if y % 2 == red_row {
+                color_row::<true>(rows, red_column, &mut self.color);
+            } else {
+                color_row::<false>(rows, red_column, &mut self.color);
+            }
+            take(&mut self.color);
+        }
+    }
+}
+
+/// One row of colour from five of the mosaic, with margins.
+fn color_row<const RED_ROW: bool>(rows: [&[f32]; ROWS], red_column: usize, out: &mut [f32]) {
+    let around = |x: usize| rows.map(|r| [r[x], r[x + 1], r[x + 2], r[x + 3], r[x + 4]]);
+    let sums = |[n2, n1, mid, s1, s2]: [[f32; 5]; 5]| {
+        let (horizontal, vertical) = (mid[1] + mid[3], n1[2] + s1[2]);
+        let (far_h, far_v) = (mid[0] + mid[4], n2[2] + s2[2]);
+        (mid[2], horizontal, vertical, far_h, far_v, n1[1] + n1[3] + s1[1] + s1[3])
+    };
+    // on red or blue: green from the cross, the opposite colour from the diagonal
+    let on_color = |x: usize| {
+        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(around(x));
+        let g = (4.0 * c + 2.0 * (horizontal + vertical) - far_h - far_v) * 0.125;
+        let opposite = (6.0 * c + 2.0 * diagonal - 1.5 * (far_h + far_v)) * 0.125;
+        if RED_ROW { [c, g, opposite] } else { [opposite, g, c] }
+    };
+    // on green: the colour of this row, and the colour of this column
+    let on_green = |x: usize| {
+        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(around(x));
+        let of_row = (5.0 * c + 4.0 * horizontal - diagonal - far_h + 0.5 * far_v) * 0.125;
+        let of_column = (5.0 * c + 4.0 * vertical - diagonal - far_v + 0.5 * far_h) * 0.125;
+        if RED_ROW { [of_row, c, of_column] } else { [of_column, c, of_row] }
+    };
+    // Colours stand in the columns of red in its rows, in the other ones in the rows of blue.
+    let color_first = (red_column == 0) == RED_ROW;
+    for (pair, rgb) in out.chunks_mut(6).enumerate() {
+        let x = 2 * pair;
+        rgb[..3].copy_from_slice(&if color_first { on_color(x) } else { on_green(x) });
+        if rgb.len() == 6 {
+            rgb[3..].copy_from_slice(&if color_first { on_green(x + 1) } else { on_color(x + 1) });
+        }
+    }
+}
 
 /// Interpolates `mosaic` (`height × width`). Pictures under 3×3 are not taken.
 pub fn demosaic(mosaic: &[f32], width: usize, height: usize, phase: Phase) -> Vec<f32> {
-    let mirror = |i: usize, n: usize| -> usize {
-        let i = i as isize - MARGIN as isize;
-        let last = n as isize - 1;
-        (if i < 0 {
-            -i
-        } else if i > last {
-            2 * last - i
-        } else {
-            i
-        }) as usize
-    };
-    let padded_width = width + 2 * MARGIN;
-    let mut padded = vec![0f32; padded_width * (height + 2 * MARGIN)];
-    for (y, row) in padded.chunks_exact_mut(padded_width).enumerate() {
-        let source = &mosaic[mirror(y, height) * width..][..width];
-        row[MARGIN..MARGIN + width].copy_from_slice(source);
-        for x in (0..MARGIN).chain(MARGIN + width..padded_width) {
-            row[x] = source[mirror(x, width)];
-        }
-    }
-    let (red_row, red_column) = phase.red();
-    let mut out = vec![0f32; width * height * 3];
-    for (y, out) in out.chunks_exact_mut(width * 3).enumerate() {
-        let rows: [&[f32]; 5] = std::array::from_fn(|k| &padded[(y + k) * padded_width..][..padded_width]);
-        let in_red_row = y % 2 == red_row;
-        for (x, rgb) in out.chunks_exact_mut(3).enumerate() {
-            let [n2, n1, mid, s1, s2] = rows.map(|r| &r[x..x + 5]);
-            let c = mid[2];
-            let (horizontal, vertical) = (mid[1] + mid[3], n1[2] + s1[2]);
-            let (far_h, far_v) = (mid[0] + mid[4], n2[2] + s2[2]);
-            let diagonal = n1[1] + n1[3] + s1[1] + s1[3];
-            let in_red_column = x % 2 == red_column;
-            let (r, g, b) = if in_red_row == in_red_column {
-                // on red or blue: green from the cross, the opposite colour from the diagonal
-                let g = (4.0 * c + 2.0 * (horizontal + vertical) - far_h - far_v) / 8.0;
-                let opposite = (6.0 * c + 2.0 * diagonal - 1.5 * (far_h + far_v)) / 8.0;
-                if in_red_row { (c, g, opposite) } else { (opposite, g, c) }
-            } else {
-                // on green: the colour of this row, and the colour of this column
-                let of_row = (5.0 * c + 4.0 * horizontal - diagonal - far_h + 0.5 * far_v) / 8.0;
-                let of_column = (5.0 * c + 4.0 * vertical - diagonal - far_v + 0.5 * far_h) / 8.0;
-                if in_red_row { (of_row, c, of_column) } else { (of_column, c, of_row) }
-            };
-            rgb.copy_from_slice(&[r, g, b]);
-        }
+    let mut out = Vec::with_capacity(3 * mosaic.len());
+    let mut rows = Demosaic::new(width, height, phase);
+    for row in mosaic.chunks_exact(width) {
+        rows.push(row, |color| out.extend_from_slice(color));
     }
     out
 }

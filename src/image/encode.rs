@@ -2,21 +2,22 @@
 
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use libjpeg_turbo_rs::{PixelFormat, Subsampling};
 
 /// Encodes 8-bit samples (1 or 3 bands) as JPEG.
 ///
 /// # Errors
 /// The encoder's own words; pictures over 65535 pixels a side.
 pub fn jpeg(samples: &[u8], width: usize, height: usize, bands: usize, quality: u8, subsampled: bool) -> Result<Vec<u8>, String> {
-    let (Ok(w), Ok(h)) = (u16::try_from(width), u16::try_from(height)) else {
+    if width.max(height) > 65535 {
         return Err(format!("a JPEG cannot hold {width}×{height} pixels; use --image-format png"));
+    }
+    let format = if bands == 1 { PixelFormat::Grayscale } else { PixelFormat::Rgb };
+    let sampling = match (bands, subsampled) {
+        (3, true) => Subsampling::S420,
+        _ => Subsampling::S444,
     };
-    let mut out = Vec::with_capacity(samples.len() / 4);
-    let mut encoder = jpeg_encoder::Encoder::new(&mut out, quality);
-    encoder.set_sampling_factor(if subsampled { jpeg_encoder::SamplingFactor::F_2_2 } else { jpeg_encoder::SamplingFactor::F_1_1 });
-    let color = if bands == 1 { jpeg_encoder::ColorType::Luma } else { jpeg_encoder::ColorType::Rgb };
-    encoder.encode(samples, w, h, color).map_err(|e| format!("the JPEG encoder failed: {e}"))?;
-    Ok(out)
+    libjpeg_turbo_rs::compress(samples, width, height, format, quality, sampling).map_err(|e| format!("the JPEG encoder failed: {e}"))
 }
 
 /// Encodes 8-bit samples (1 or 3 bands) as PNG, or 16-bit ones given as native-endian bytes.

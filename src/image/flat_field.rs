@@ -3,6 +3,7 @@
 //!
 //! In: the share of light that arrives, per pixel and band, 1 where most does. Mosaics are divided as they are.
 
+use super::demosaic::Phase;
 use super::{LinearImage, SensorImage};
 
 /// Pixels darker than this share of the brightest say nothing.
@@ -42,19 +43,35 @@ impl FlatField {
     /// # Errors
     /// The sizes differ.
     pub fn divide(&self, image: &mut SensorImage) -> Result<(), String> {
-        let (light, shares) = (&mut image.light, &self.shares);
-        if (light.width, light.height) != (shares.width, shares.height) {
-            return Err(format!("the flat field is {}×{}, the picture {}×{}", shares.width, shares.height, light.width, light.height));
+        let SensorImage { light, mosaic } = image;
+        self.ensure_fits(light.width, light.height)?;
+        let row = light.width * light.bands;
+        light.pixels.chunks_exact_mut(row).enumerate().for_each(|(y, pixels)| self.divide_row(y, *mosaic, pixels));
+        Ok(())
+    }
+
+    /// Refuses pictures of another size.
+    ///
+    /// # Errors
+    /// The sizes differ.
+    pub fn ensure_fits(&self, width: usize, height: usize) -> Result<(), String> {
+        match (self.shares.width, self.shares.height) {
+            own if own == (width, height) => Ok(()),
+            (w, h) => Err(format!("the flat field is {w}×{h}, the picture {width}×{height}")),
         }
-        let (width, bands) = (light.width, light.bands);
-        for (i, pixel) in light.pixels.chunks_exact_mut(bands).enumerate() {
-            let share = &shares.pixels[i * shares.bands..][..shares.bands];
+    }
+
+    /// Divides row `y` of a picture of the same size.
+    pub fn divide_row(&self, y: usize, mosaic: Option<Phase>, light: &mut [f32]) {
+        let LinearImage { width, bands, ref pixels, .. } = self.shares;
+        let stored = light.len() / width;
+        let shares = pixels[y * width * bands..][..width * bands].chunks_exact(bands);
+        for (x, (pixel, share)) in light.chunks_exact_mut(stored).zip(shares).enumerate() {
             for (b, value) in pixel.iter_mut().enumerate() {
-                let band = image.mosaic.map_or(b, |phase| phase.band(i % width, i / width));
-                *value /= share[band.min(shares.bands - 1)];
+                let band = mosaic.map_or(b, |phase| phase.band(x, y));
+                *value /= share[band.min(bands - 1)];
             }
         }
-        Ok(())
     }
 }
 

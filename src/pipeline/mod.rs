@@ -203,6 +203,8 @@ struct Ready {
     prepared: Prepared,
     file: ModelFile,
     model: ImagingModel,
+    /// the same with a finer beam pattern
+    fine: ImagingModel,
     glow: Option<GlowTable>,
     means: MeanFrames,
     rig_toml: String,
@@ -239,14 +241,16 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
     let model = file.imaging_model().map_err(Error::Usage)?;
     let glow = glow_table(&model, &prepared.survey.rig, method);
     let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();
-    Ok(Ready { prepared, file, model, glow, means, rig_toml })
+    let fine = ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
+    Ok(Ready { prepared, file, model, fine, glow, means, rig_toml })
 }
 
 impl Ready {
     fn for_pass_two<'r>(&'r self, is_first: bool, options: &'r Options, wire: OutputWire) -> OfCamera<'r> {
-        let Self { prepared: Prepared { scan, survey, .. }, file, model, glow, means, rig_toml } = self;
+        let Self { prepared: Prepared { scan, survey, .. }, file, model, fine, glow, means, rig_toml } = self;
         let correction = Correction {
-            model,
+            model: fine,
+            roughness: fine.beam_pattern.roughness(BEAM_ROUGHEST),
             glow: model.backscatter.as_ref().zip(glow.as_ref()),
             rendering: &file.rendering,
             config: &options.config.render,
@@ -299,6 +303,10 @@ fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<GlowTab
     Some(GlowTable::new(&model.beam_pattern, rig.body_from_optical, &rig.strobe.lamps, &backscatter.attenuation_per_m, Frustum::around(rays)))
 }
 
+/// Pass two reads the beam pattern from a grid so many times as fine.
+const BEAM_REFINED: usize = 8;
+/// The gain's grid follows the pattern but for so much of it: its rim, where single nodes are as rough as their noise.
+const BEAM_ROUGHEST: f64 = 0.05;
 /// Beyond this the strobe's light adds nothing to what the water has scattered back [m].
 const GLOW_REACHES_M: f64 = 12.0;
 

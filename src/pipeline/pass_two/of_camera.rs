@@ -1,13 +1,13 @@
 //! One camera in pass two: its channels, and a frame of it from message to message.
 
 use crate::config::Config;
-use crate::correct::{Corrected, Correction};
+use crate::correct::{Corrected, Correction, Frame};
 use crate::error::Result;
 use crate::geometry::{NoSeafloor, View};
-use crate::image::decode::{Light, decode};
+use crate::image::decode::{self, Light};
 use crate::image::noise::Noise;
 use crate::image::transfer::SrgbTable;
-use crate::image::{Container, LinearImage, encode};
+use crate::image::{Container, encode};
 use crate::messages::output::{self, OutputType, WrittenSchema};
 use crate::messages::writer::OutputWire;
 use crate::messages::{Heading, Kind, heading};
@@ -108,8 +108,11 @@ impl OfCamera<'_> {
             let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
             let Survey { white_level, response, .. } = self.survey;
             let light = Light { transfer: self.config.light.transfer, white_level: *white_level, response: response.as_ref() };
-            let mut picture = read(&value).and_then(|p| decode(&p, light)).map_err(Reason::Undecodable)?;
-            self.survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).map_err(|_sizes| Reason::WrongSize)?;
+            let picture = read(&value).map_err(Reason::Undecodable)?;
+            let codes = decode::codes(&picture, light).map_err(Reason::Undecodable)?;
+            let (width, height, bands) = (codes.width, codes.height, codes.bands());
+            let flat_field = self.survey.flat_field.as_ref();
+            flat_field.map_or(Ok(()), |flat| flat.ensure_fits(width, height)).map_err(|_sizes| Reason::WrongSize)?;
             let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
             let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
                 NoSeafloor::NoPing { .. } => Reason::NoPing,
@@ -117,30 +120,31 @@ impl OfCamera<'_> {
                 NoSeafloor::Impossible => Reason::ImpossiblePlane,
             })?;
             plane = Some(found);
-            let camera = self.survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height).ok_or(Reason::WrongSize)?;
-            let (coding, bands) = (picture.coding, picture.image.bands());
+            let camera = self.survey.rig.camera.scaled_to(width, height).ok_or(Reason::WrongSize)?;
             if bands != self.model.bands {
                 return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
             }
             let relief = self.survey.pings.relief(stamp, &found, &self.survey.rig);
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found, relief: relief.as_ref() };
-            let now = self.model.at(stamp);
-            let noise = Noise::of(&picture.coding, light, self.correction.electrons);
-            let Corrected { image, mask, facts } = Correction { model: &now, ..self.correction }.apply(
-                picture.image,
-                &view,
-                self.frame_gain(stamp),
-                self.config.render.rectify.then(|| camera.rectified()).as_ref(),
-                &noise,
-            );
+            let now = self.correction.model.at(stamp);
+            let noise = Noise::of(&codes.coding, light, self.correction.electrons);
+            let rectified = self.config.render.rectify.then(|| camera.rectified());
+            let frame = Frame { codes: &codes, flat_field, view: &view, gain: self.frame_gain(stamp), noise: &noise, rectified: rectified.as_ref() };
+            let mut samples = Vec::with_capacity(width * height * bands * usize::from(self.config.render.depth / 8));
+            let take = |row: &mut [f32]| match self.config.render.depth {
+                16 => samples.extend(row.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes())),
+                _ => srgb.codes(row, &mut samples),
+            };
+            let Corrected { mask, facts } = Correction { model: &now, ..self.correction }.apply(&frame, take);
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }
-            let subsampled = coding.container == Container::Jpeg { subsampled: true };
+            let subsampled = codes.coding.container == Container::Jpeg { subsampled: true };
+            let (width, height) = rectified.map_or((width, height), |c| (c.width, c.height));
             let shown = || -> std::result::Result<Shown, String> {
-                let png = |mask: Vec<u8>| encode::png(&mask, image.width, image.height, 1, 8);
+                let png = |mask: Vec<u8>| encode::png(&mask, width, height, 1, 8);
                 let mask = mask.map(png).transpose()?.map(|png| output::compressed_image(self.wire, &said, "png", &png));
-                Ok(Shown { picture: self.encoded(&said, &image, container, subsampled, srgb)?, mask, facts })
+                Ok(Shown { picture: self.encoded(&said, samples, (width, height, bands), container, subsampled)?, mask, facts })
             };
             shown().map_err(Reason::Unencodable)
         })();
@@ -160,18 +164,12 @@ impl OfCamera<'_> {
     fn encoded(
         &self,
         heading: &Heading,
-        image: &LinearImage,
+        samples: Vec<u8>,
+        (width, height, bands): (usize, usize, usize),
         container: Container,
         subsampled: bool,
-        srgb: &SrgbTable,
     ) -> std::result::Result<Vec<u8>, String> {
-        let LinearImage { width, height, bands, .. } = *image;
         let deep = self.config.render.depth == 16;
-        let samples: Vec<u8> = if deep {
-            image.pixels.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
-        } else {
-            image.pixels.iter().map(|v| srgb.code(*v)).collect()
-        };
         Ok(match container {
             Container::Jpeg { .. } => output::compressed_image(
                 self.wire,

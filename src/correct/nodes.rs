@@ -1,0 +1,139 @@
+//! Numbers on a coarse grid over a picture, bilinear between: rows of them as pixels need them.
+//!
+//! A row of nodes is spread over its pixels once, and the rows of pixels down to the next one are mixtures of two such
+//! rows: a multiplication and an addition per value, in loops that vectorise.
+
+use crate::image::demosaic::Phase;
+
+/// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the picture's edge or beyond it.
+pub struct Nodes {
+    /// [px]
+    pub step: usize,
+    /// nodes across
+    pub columns: usize,
+    /// nodes down
+    pub rows: usize,
+    /// values per node
+    pub bands: usize,
+    /// `rows × columns × bands`
+    pub values: Vec<f32>,
+}
+
+impl Nodes {
+    /// All of one value.
+    pub fn new((width, height): (usize, usize), step: usize, bands: usize, value: f32) -> Self {
+        let (columns, rows) = ((width - 1).div_ceil(step) + 1, (height - 1).div_ceil(step) + 1);
+        Self { step, columns, rows, bands, values: vec![value; columns * rows * bands] }
+    }
+
+    /// The values of a node; beyond the last row or column, those of the last.
+    pub fn at(&self, row: usize, column: usize) -> &[f32] {
+        &self.values[(row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)) * self.bands..][..self.bands]
+    }
+
+    /// The same, to be written.
+    pub fn at_mut(&mut self, row: usize, column: usize) -> &mut [f32] {
+        &mut self.values[(row * self.columns + column) * self.bands..][..self.bands]
+    }
+
+    /// Least and largest of one band at the corners of the cell whose first corner this is; `None` where a corner has no value.
+    pub fn range(&self, row: usize, column: usize, band: usize) -> Option<(f32, f32)> {
+        let corners = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(r, c)| self.at(row + r, column + c)[band]);
+        let least_and_most = || corners.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)));
+        corners.iter().all(|v| v.is_finite()).then(least_and_most)
+    }
+}
+
+/// Walks down a picture and gives each row its values.
+pub struct Walk<'n> {
+    nodes: &'n Nodes,
+    width: usize,
+    mosaic: Option<Phase>,
+    /// the row of nodes that `above` was spread from
+    top: Option<usize>,
+    /// by parity of the pixels' row: it decides the bands of a mosaic
+    above: [Vec<f32>; 2],
+    below: [Vec<f32>; 2],
+}
+
+impl<'n> Walk<'n> {
+    /// Over a picture this wide; a mosaic's pixels take the value of their own band.
+    pub fn new(nodes: &'n Nodes, width: usize, mosaic: Option<Phase>) -> Self {
+        let bands = if mosaic.is_some() { 1 } else { nodes.bands };
+        let rows = || std::array::from_fn(|parity| if parity == 0 || mosaic.is_some() { vec![0.0; width * bands] } else { Vec::new() });
+        Self { nodes, width, mosaic, top: None, above: rows(), below: rows() }
+    }
+
+    /// Values of row `y`, which must not lie above the row asked for before.
+    pub fn row(&mut self, y: usize, out: &mut [f32]) {
+        let top = (y / self.nodes.step).min(self.nodes.rows.saturating_sub(2));
+        if self.top != Some(top) {
+            let follows = top > 0 && self.top == Some(top - 1);
+            for parity in 0..if self.mosaic.is_some() { 2 } else { 1 } {
+                if follows {
+                    std::mem::swap(&mut self.above[parity], &mut self.below[parity]);
+                } else {
+                    spread(self.nodes, top, self.bands_of_turns(parity), self.width, &mut self.above[parity]);
+                }
+                spread(self.nodes, top + 1, self.bands_of_turns(parity), self.width, &mut self.below[parity]);
+            }
+            self.top = Some(top);
+        }
+        let share = (y - top * self.nodes.step) as f32 / self.nodes.step as f32;
+        let parity = if self.mosaic.is_some() { y % 2 } else { 0 };
+        for ((v, a), b) in out.iter_mut().zip(&self.above[parity]).zip(&self.below[parity]) {
+            *v = a + (b - a) * share;
+        }
+    }
+
+    /// Bands of even and odd pixels of a mosaic's row.
+    fn bands_of_turns(&self, parity: usize) -> Option<[usize; 2]> {
+        self.mosaic.map(|phase| [phase.band(0, parity), phase.band(1, parity)])
+    }
+}
+
+/// One row of nodes over all pixels.
+fn spread(nodes: &Nodes, row: usize, turns: Option<[usize; 2]>, width: usize, out: &mut [f32]) {
+    let (step, bands) = (nodes.step, nodes.bands);
+    let stored = if turns.is_some() { 1 } else { bands };
+    for (column, cell) in out[..width * stored].chunks_mut(step * stored).enumerate() {
+        let (left, right) = (nodes.at(row, column), nodes.at(row, column + 1));
+        for (k, pixel) in cell.chunks_exact_mut(stored).enumerate() {
+            let share = k as f32 / step as f32;
+            for (b, v) in pixel.iter_mut().enumerate() {
+                let band = turns.map_or(b, |turns| turns[(column * step + k) % 2]);
+                *v = left[band] + (right[band] - left[band]) * share;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A plane is bilinear: it must come back everywhere, in any order of colours.
+    #[test]
+    fn a_plane_comes_back_at_every_pixel() {
+        let (width, height) = (23, 17);
+        let truth = |x: usize, y: usize, band: usize| 1.0 + 0.1 * x as f32 - 0.05 * y as f32 + 10.0 * band as f32;
+        let mut nodes = Nodes::new((width, height), 5, 3, 0.0);
+        for row in 0..nodes.rows {
+            for column in 0..nodes.columns {
+                nodes.at_mut(row, column).iter_mut().enumerate().for_each(|(b, v)| *v = truth(5 * column, 5 * row, b));
+            }
+        }
+        for mosaic in [None, Some(Phase::Gbrg)] {
+            let stored = if mosaic.is_some() { 1 } else { 3 };
+            let mut walk = Walk::new(&nodes, width, mosaic);
+            let mut row = vec![0.0; width * stored];
+            for y in 0..height {
+                walk.row(y, &mut row);
+                for (i, v) in row.iter().enumerate() {
+                    let (x, band) = (i / stored, mosaic.map_or(i % stored, |phase| phase.band(i, y)));
+                    assert!((v - truth(x, y, band)).abs() < 1e-4, "{mosaic:?} {x},{y} band {band}");
+                }
+            }
+        }
+    }
+}
