@@ -310,8 +310,10 @@ impl Default for RenderConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Compression {
-    /// small
+    /// chunks of the input as they are; of those written anew, none for pictures that are files (JPEG, PNG, WebP), zstd for all else
     #[default]
+    Auto,
+    /// small
     Zstd,
     /// quick to read
     Lz4,
@@ -349,7 +351,7 @@ pub struct OutputConfig {
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { encoding: OutputEncoding::Auto, compression: Compression::Zstd, chunk_size_mib: 4, drop_raw: false, only: None }
+        Self { encoding: OutputEncoding::Auto, compression: Compression::Auto, chunk_size_mib: 4, drop_raw: false, only: None }
     }
 }
 

@@ -82,7 +82,7 @@ fn everything_of_the_input_is_in_the_output_and_threads_do_not_matter() {
         assert_eq!(output.schemas.get(id), Some(schema), "schema {id}");
     }
     let first = output.attachments().next().unwrap().unwrap();
-    assert_eq!((first.name.as_str(), first.data.as_ref()), ("notes.txt", &b"weather: fair"[..]));
+    assert_eq!((first.name.as_str(), &output.attachment_data(&first).unwrap()[..]), ("notes.txt", &b"weather: fair"[..]));
     let names: Vec<String> = output.attachments().map(|a| a.unwrap().name).collect();
     assert_eq!(names, ["notes.txt", "model.json", "report.json", "unwater.toml", "rig.toml"]);
     assert_eq!(output.metadata[0], input.metadata[0]);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use unwater::image::EncodedImage;
 use unwater::image::decode::{Light, decode};
-use unwater::pipeline::scan::scan;
+use unwater::pipeline::{Threads, scan::scan};
 use unwater::recording::{Entry, Recording, Window};
 use unwater::vehicle::DvlFacts;
 
@@ -45,7 +45,7 @@ fn many_chunks_and_many_channels() {
     assert!(recording.chunk_count() >= 400 && recording.messages(Window::ALL).count() == 400, "{} chunks", recording.chunk_count());
     log(&path, mcap::WriteOptions::new(), 65_000, 1);
     let recording = Recording::open(&path).unwrap();
-    let scanned = scan(&recording, Window::ALL, &DvlFacts::default());
+    let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
     assert_eq!((scanned.channels.len(), scanned.messages, scanned.damage.len()), (65_000, 65_000, 0));
     assert!(scanned.channels.values().all(|c| c.pings.len() == 1));
 }
@@ -88,7 +88,7 @@ fn two_schemas_of_one_name_are_told_and_each_is_used() {
     let recording = Recording::open(&path).unwrap();
     let said = recording.notes().join("\n");
     assert!(said.contains("2 different schemas are named p/msg/Altitude") && said.contains("/altitude has 2 channels"), "{said}");
-    let scanned = scan(&recording, Window::ALL, &DvlFacts::default());
+    let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
     let read: Vec<f64> = scanned.channels.values().map(|c| c.pings[0].0.altitude.unwrap().0).collect();
     assert_eq!(read, [2.5, 1.5]);
 }

@@ -13,7 +13,7 @@ use unwater::config::Config;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{OutputWire, Writer};
 use unwater::pipeline::survey::Selection;
-use unwater::pipeline::{Options, Silent, correct, estimate_logs, prepare, scan::scan};
+use unwater::pipeline::{Options, Silent, Threads, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Message, Recording, Window};
 use unwater::vehicle::{DvlFacts, RigFile};
 
@@ -70,7 +70,7 @@ fn the_rig_file_wins_over_the_poses_of_beams() {
     let recording = Recording::open(&Path::new(SAMPLES).join("dvl_uuv_simulator.mcap")).unwrap();
     let of_rig = DvlFacts { beams: Some("nortek-25".into()), ..DvlFacts::default() };
     for (facts, janus_deg) in [(DvlFacts::default(), 22.5f64), (of_rig, 25.0)] {
-        let scanned = scan(&recording, Window::ALL, &facts);
+        let scanned = scan(&recording, Window::ALL, &facts, &Threads::new(1)).unwrap();
         let (ping, _) = &scanned.channels.values().next().unwrap().pings[0];
         assert!(ping.beams.iter().all(|b| (b.direction.vector().z - janus_deg.to_radians().cos()).abs() < 1e-6), "{janus_deg}");
     }
@@ -228,7 +228,7 @@ fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
             std::fs::write(&path, &damaged).unwrap();
             places += 1;
             let Ok(recording) = Recording::open(&path) else { continue };
-            let _scan = scan(&recording, Window::ALL, &DvlFacts::default());
+            let _scan = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
             for entry in recording.messages(Window::ALL) {
                 if let Entry::Message(m) = entry {
                     // A flipped opcode can make a message of another record. Outside of a chunk there is no checksum to tell;

@@ -185,7 +185,8 @@ fn inspect(args: &Inspect) -> Result<Ended> {
     let (recording, mut scan) = match pipeline::open(&args.input, &options) {
         Err(Error::Empty { .. }) if options.window.is_none() => {
             let recording = Recording::open(&args.input)?;
-            let scan = pipeline::scan::scan(&recording, crate::recording::Window::ALL, &options.rig.dvl);
+            let threads = pipeline::Threads::new(options.threads);
+            let scan = pipeline::scan::scan(&recording, crate::recording::Window::ALL, &options.rig.dvl, &threads)?;
             (recording, scan)
         }
         other => other?,
@@ -222,7 +223,7 @@ fn inspect(args: &Inspect) -> Result<Ended> {
     };
     let document = json!({
         "file": args.input.display().to_string(),
-        "bytes": recording.bytes().len(),
+        "bytes": recording.length(),
         "profile": recording.profile,
         "complete": recording.is_complete,
         "messages": messages,

@@ -1,6 +1,7 @@
 //! The whole run on one screen: scan the log, survey it, estimate (pass one), correct (pass two).
 
 mod beam_picture;
+mod chosen_frames;
 pub mod clock_offsets;
 mod model_of;
 mod mount_words;
@@ -25,7 +26,7 @@ use crate::report::Report;
 use crate::vehicle::{CameraFacts, Rig, RigFile};
 
 use model_of::{model_of, shown, strobe_of};
-use ordered_map::Threads;
+pub use ordered_map::Threads;
 use pass_one::{Collected, collect};
 use pass_two::{OfCamera, PassTwo, place_of};
 pub use pass_two::{corrected_topic, method_name, output_container};
@@ -101,16 +102,21 @@ pub struct Prepared {
 /// It cannot be read, or holds nothing.
 pub fn open(path: &Path, options: &Options) -> Result<(Recording, Scan)> {
     let recording = Recording::open(path)?;
-    let scan = scan(&recording, options.window(), &options.rig.dvl);
+    let scan = scanned(&recording, options, &Threads::new(options.threads))?;
+    Ok((recording, scan))
+}
+
+fn scanned(recording: &Recording, options: &Options, threads: &Threads) -> Result<Scan> {
+    let scan = scan(recording, options.window(), &options.rig.dvl, threads)?;
     if scan.messages == 0 {
         let detail = match (scan.damage.len(), options.window) {
             (_, Some(_)) => " in the stretch that -S and -E leave".into(),
             (0, _) => String::new(),
             (n, _) => format!(" ({n} places are damaged: {})", scan.damage[0].reason),
         };
-        return Err(Error::Empty { path: path.into(), detail });
+        return Err(Error::Empty { path: recording.path().into(), detail });
     }
-    Ok((recording, scan))
+    Ok(scan)
 }
 
 /// Opens a log, walks it once and finds camera, ranges and mounts.
@@ -118,7 +124,20 @@ pub fn open(path: &Path, options: &Options) -> Result<(Recording, Scan)> {
 /// # Errors
 /// What is missing, and what supplies it.
 pub fn prepare(path: &Path, options: &Options) -> Result<Prepared> {
-    let (recording, mut scan) = open(path, options)?;
+    let (recording, scan) = open(path, options)?;
+    prepared(recording, scan, options)
+}
+
+/// The same, with the log's fingerprint, which is taken meanwhile.
+fn prepare_to_write(path: &Path, options: &Options, threads: &Threads) -> Result<Prepared> {
+    let recording = Recording::open(path)?;
+    let (fingerprint, scan) = threads.beside(|| recording.sha256().map(drop), || scanned(&recording, options, threads));
+    let scan = scan?;
+    fingerprint?;
+    prepared(recording, scan, options)
+}
+
+fn prepared(recording: Recording, mut scan: Scan, options: &Options) -> Result<Prepared> {
     let survey = survey(&recording, &mut scan, &options.selection, &options.rig, &options.config)?;
     Ok(Prepared { recording, scan, survey })
 }
@@ -129,7 +148,7 @@ pub fn prepare(path: &Path, options: &Options) -> Result<Prepared> {
 /// A log cannot be used, or attenuation cannot be estimated.
 pub fn estimate_logs(paths: &[&Path], options: &Options, progress: &dyn Progress) -> Result<(ModelFile, Vec<String>)> {
     let threads = Threads::new(options.threads);
-    let logs = paths.iter().map(|path| prepare(path, options)).collect::<Result<Vec<_>>>()?;
+    let logs = paths.iter().map(|path| prepare_to_write(path, options, &threads)).collect::<Result<Vec<_>>>()?;
     let warnings = logs.iter().flat_map(|p| p.survey.warnings.clone()).collect();
     let collected = logs.iter().map(|log| Ok((log, pass_one(log, options, &threads, progress)?))).collect::<Result<Vec<_>>>()?;
     Ok((model_of(collected, options)?, warnings))
@@ -211,7 +230,7 @@ struct Ready {
 }
 
 fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Ready> {
-    let mut prepared = prepare(input, options)?;
+    let mut prepared = prepare_to_write(input, options, threads)?;
     let method = options.config.render.method;
     let (mut file, means) = match model {
         // Exposure goes with what is removed: a model made for another method is shown anew, from samples without keypoints.
@@ -279,18 +298,18 @@ fn write_corrected(
         ("ros1", OutputWire::Cdr | OutputWire::Protobuf) | ("ros2", OutputWire::Ros1 | OutputWire::Protobuf) => "",
         (profile, _) => profile,
     };
-    let source_sha256 = sha256(first.recording.bytes());
-    let out = Output::create(output, profile, &options.config.output)?;
+    let source_sha256 = first.recording.sha256()?;
+    let (out, file) = Output::create(output, profile, &options.config.output)?;
     let pass_two = PassTwo {
         recording: &first.recording,
         window: options.window(),
         config: &options.config,
         cameras: cameras.iter().enumerate().map(|(i, camera)| camera.for_pass_two(i == 0, options, wire)).collect(),
-        source_sha256: &source_sha256,
+        source_sha256,
         only: only(options)?,
         left_out,
     };
-    let reports = pass_two.run(out, threads, progress)?;
+    let reports = pass_two.run(out, file, threads, progress)?;
     Ok(reports.into_iter().zip(cameras).map(|(report, camera)| (report, camera.file)).collect())
 }
 
@@ -311,7 +330,7 @@ const BEAM_ROUGHEST: f64 = 0.05;
 const GLOW_REACHES_M: f64 = 12.0;
 
 fn pass_one(log: &Prepared, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
-    collect(&log.recording, &log.scan, &log.survey, options.window(), &options.config, threads, progress)
+    collect(&log.recording, &log.scan, &log.survey, &options.config, threads, progress)
 }
 
 /// How added messages are encoded.

@@ -2,7 +2,7 @@
 
 use super::mount_words::mount_check;
 use super::pass_one::Collected;
-use super::{Options, Prepared, sha256};
+use super::{Options, Prepared};
 use crate::config::{Config, Spreading};
 use crate::correct::rendering;
 use crate::error::{Error, Result};
@@ -26,7 +26,7 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
         let offset = frames.len();
         inputs.push(InputFile {
             name: log.recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
-            sha256: sha256(log.recording.bytes()),
+            sha256: log.recording.sha256()?.into(),
             camera_topic: log.survey.camera_topic.clone(),
             dvl_topic: log.survey.dvl_topic.clone(),
             frames: collected.frames.len(),

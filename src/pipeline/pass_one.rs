@@ -11,9 +11,10 @@ use crate::geometry::View;
 use crate::image::SensorImage;
 use crate::image::decode::{Decoded, Light, decode};
 use crate::messages::{Decoder, Kind};
-use crate::recording::{Entry, Message, Recording, Window};
+use crate::recording::{Message, Recording};
 use crate::spaces::Point;
 
+use super::chosen_frames::for_frames;
 use super::ordered_map::{Threads, ordered_map};
 use super::scan::Scan;
 use super::survey::Survey;
@@ -54,15 +55,6 @@ pub fn chosen_frames(total: usize, most: usize) -> BTreeSet<usize> {
         .collect()
 }
 
-/// A camera's message and the index of its frame.
-pub fn camera_messages<'r>(recording: &'r Recording, survey: &'r Survey, window: Window) -> impl Iterator<Item = (usize, Message)> + Send + 'r {
-    let of_camera = move |entry| match entry {
-        Entry::Message(m) if survey.camera_channels.contains(&m.channel) => Some(m),
-        _ => None,
-    };
-    recording.messages(window).filter_map(of_camera).enumerate()
-}
-
 /// Takes samples of the chosen frames and matches neighbours.
 ///
 /// # Errors
@@ -71,7 +63,6 @@ pub fn collect(
     recording: &Recording,
     scan: &Scan,
     survey: &Survey,
-    window: Window,
     config: &Config,
     threads: &Threads,
     progress: &dyn Progress,
@@ -98,24 +89,16 @@ pub fn collect(
         taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
         Some((taken, wants_average.then(|| (image.into_bands(), view.camera_altitude_m()))))
     };
-    let items = camera_messages(recording, survey, window).filter(|(index, _)| chosen.contains(index));
-    ordered_map(
-        items,
-        2 * threads.count(),
-        |_| 1,
-        threads,
-        work,
-        |result| -> Result<()> {
-            if let Some((taken, image)) = result {
-                collected.frames.push(taken);
-                if let Some((image, camera_altitude_m)) = image {
-                    collected.means.add(config.render.method, &image, camera_altitude_m);
-                }
+    for_frames(recording, &survey.frames, &chosen, threads, work, |result| -> Result<()> {
+        if let Some((taken, image)) = result {
+            collected.frames.push(taken);
+            if let Some((image, camera_altitude_m)) = image {
+                collected.means.add(config.render.method, &image, camera_altitude_m);
             }
-            progress.advance(1);
-            Ok(())
-        },
-    )?;
+        }
+        progress.advance(1);
+        Ok(())
+    })?;
     progress.end();
     if with_keypoints {
         collected.pairs = matched(&collected.frames, survey, config, threads, progress)?;

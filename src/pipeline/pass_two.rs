@@ -9,21 +9,23 @@ use crate::geometry::SeafloorPlane;
 use crate::image::Container;
 use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::messages::Heading;
-use crate::recording::{Entry, Message, NewChannel, Output, Recording, Window};
+use crate::recording::{Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window};
 use crate::report::{Reason, Report};
 
-use super::ordered_map::{Threads, ordered_map};
+use super::ordered_map::{Job, Threads};
 use super::{Progress, Step};
 
+mod blocks;
 mod frame_messages;
 mod of_camera;
 mod tally;
 
+use blocks::{Frame, Item, Outcome, UNDER_WAY};
 pub use of_camera::OfCamera;
 use tally::Tally;
 
-/// Bytes of messages in a batch, at most; frames are bounded by the number of threads as well.
-const BATCH_BYTES: usize = 32 << 20;
+/// Chunks under way before and after the work on frames, for each core [byte].
+pub(super) const CHUNKS_PER_CORE: usize = 8 << 20;
 
 /// The corrected pictures' topic: the `image…` element becomes `image_corrected`, `/compressed` comes last.
 pub fn corrected_topic(camera_topic: &str, compressed: bool) -> String {
@@ -90,18 +92,6 @@ struct Shown {
     facts: FrameFacts,
 }
 
-enum Item {
-    Other(Message),
-    Frame { camera: usize, index: usize, message: Message },
-    Damaged,
-}
-
-enum Outcome {
-    Other(Message),
-    Frame(usize, Box<Done>),
-    Damaged,
-}
-
 /// Everything pass two works with.
 pub struct PassTwo<'p> {
     /// the log
@@ -131,10 +121,10 @@ impl PassTwo<'_> {
     /// Writes the corrected log and returns the account of it, camera by camera.
     ///
     /// # Errors
-    /// Writing failed.
-    pub fn run(&self, mut out: Output, threads: &Threads, progress: &dyn Progress) -> Result<Vec<Report>> {
+    /// Reading or writing failed.
+    pub fn run(&self, mut out: Output, mut file: OutputFile, threads: &Threads, progress: &dyn Progress) -> Result<Vec<Report>> {
         let mut warnings = Vec::new();
-        let kept = self.copy_declarations(&mut out, &mut warnings)?;
+        let kept = self.copy_declarations(&mut out, &mut warnings);
         let account = |camera: &OfCamera<'_>, out: &mut Output| -> Result<Account> {
             Ok(Account { added: camera.add_channels(out)?, tally: Tally::default(), report: camera.empty_report(self.recording) })
         };
@@ -142,60 +132,37 @@ impl PassTwo<'_> {
         let srgb = SrgbTable::new(Shoulder { from: self.config.render.shoulder_from });
 
         progress.begin(Step::Correct, self.cameras.iter().map(|c| c.survey.frames.len()).sum());
-        let mut next_frame = vec![0; self.cameras.len()];
-        let items = self.recording.messages(self.window).map(|entry| match entry {
-            Entry::Message(m) => match self.cameras.iter().position(|c| c.survey.camera_channels.contains(&m.channel)) {
-                Some(camera) => {
-                    next_frame[camera] += 1;
-                    Item::Frame { camera, index: next_frame[camera] - 1, message: m }
-                }
-                None => Item::Other(m),
-            },
-            Entry::Damaged(_) => Item::Damaged, // the scan has listed it
-        });
-        let frame_weight = BATCH_BYTES / (2 * threads.count());
-        let weigh = |item: &Item| match item {
-            Item::Frame { message, .. } => frame_weight.max(message.data().len()),
-            Item::Other(m) => m.data().len() + 64,
-            Item::Damaged => 0,
-        };
-        let work = |item| match item {
-            Item::Other(m) => Outcome::Other(m),
-            Item::Damaged => Outcome::Damaged,
-            Item::Frame { camera, index, message } => Outcome::Frame(camera, Box::new(self.cameras[camera].frame(index, message, &srgb))),
-        };
         let mut copied = 0;
-        ordered_map(items, BATCH_BYTES, weigh, threads, work, |outcome| -> Result<()> {
-            match outcome {
-                Outcome::Damaged => {}
-                Outcome::Other(m) => {
-                    if kept.get(&m.channel).copied().unwrap_or(false) {
-                        out.copy(&m)?;
-                        copied += 1;
+        let mut next_frame = vec![0; self.cameras.len()];
+        // Three stages, each on all cores and in order: blocks are read, frames are corrected, pieces of the output are packed.
+        let read = |block: &Block| self.items(block, &kept);
+        let correct = |frame: Frame| self.worked(frame, &srgb);
+        let pack = |piece: Piece| Ok(piece.into_bytes());
+        let chunks = threads.count() * CHUNKS_PER_CORE;
+        threads.lanes(|lanes| {
+            let blocks = self.recording.blocks().iter().filter(|block| block.may_hold(self.window));
+            // Two at least, however large: one is read while the other is worked on.
+            let blocks = blocks.map(|block| (block.weight().min(chunks / 2), Job::Work(block)));
+            let items = lanes.in_order(blocks, chunks, &read).flat_map(|items| items.unwrap_or_else(|e| vec![Item::Failed(e)]));
+            let frames = items.map(|item| self.job(item, &mut next_frame, threads.count()));
+            let mut outcomes = lanes.in_order(frames, UNDER_WAY, &correct).fuse();
+            let pieces = std::iter::from_fn(|| {
+                loop {
+                    if let Some(piece) = out.next_piece() {
+                        return Some((piece.weight().min(chunks / 2), Job::Work(piece)));
                     }
-                }
-                Outcome::Frame(camera, done) => {
-                    let keep = match kept.get(&done.message.channel) {
-                        Some(true) => true,
-                        // `--drop-raw` leaves out what has a corrected twin; a frame without one is all there is of it.
-                        Some(false) if self.config.output.drop_raw && done.result.is_err() => {
-                            self.copy_channel(&mut out, done.message.channel)?;
-                            true
+                    match outcomes.next() {
+                        Some(Outcome::Failed(error)) => return Some((0, Job::Done(Err(error)))),
+                        Some(outcome) => copied += self.take(outcome, &kept, &mut out, &mut accounts, progress),
+                        None => {
+                            out.flush();
+                            let last = out.next_piece()?;
+                            return Some((0, Job::Work(last)));
                         }
-                        _ => false,
-                    };
-                    if keep {
-                        out.copy(&done.message)?;
-                        copied += 1;
                     }
-                    let Account { added, tally, report } = &mut accounts[camera];
-                    tally.count(&done);
-                    report.messages_added += self.cameras[camera].write_frame(&mut out, added, &done, report.frames == 0, tally)?;
-                    report.frames += 1;
-                    progress.advance(1);
                 }
-            }
-            Ok(())
+            });
+            lanes.in_order(pieces, chunks, &pack).try_for_each(|piece| file.put(piece?))
         })?;
         progress.end();
         let finished = |Account { tally, mut report, .. }: Account| {
@@ -210,14 +177,14 @@ impl PassTwo<'_> {
             report.damage = camera.scan.damage.iter().cloned().chain(camera.scan.homeless_damage()).collect();
             report.cameras_left_out.clone_from(&self.left_out);
         }
-        self.finish(out, &mut reports)?;
+        self.finish(&out, file, &mut reports)?;
         Ok(reports)
     }
 
     /// Copies every schema and every channel that is kept; says which channels those are.
-    fn copy_declarations(&self, out: &mut Output, warnings: &mut Vec<String>) -> Result<BTreeMap<u16, bool>> {
+    fn copy_declarations(&self, out: &mut Output, warnings: &mut Vec<String>) -> BTreeMap<u16, bool> {
         for (id, schema) in &self.recording.schemas {
-            out.copy_schema(*id, schema)?;
+            out.copy_schema(*id, schema);
         }
         let mut kept = BTreeMap::new();
         for (id, channel) in &self.recording.channels {
@@ -229,28 +196,62 @@ impl PassTwo<'_> {
                     warnings
                         .push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
                 }
-                self.copy_channel(out, *id)?;
+                self.copy_channel(out, *id);
             }
         }
-        Ok(kept)
+        kept
     }
 
-    fn copy_channel(&self, out: &mut Output, id: u16) -> Result<()> {
-        let Some(channel) = self.recording.channels.get(&id) else { return Ok(()) };
+    fn copy_channel(&self, out: &mut Output, id: u16) {
+        let Some(channel) = self.recording.channels.get(&id) else { return };
         let schema_id = if self.recording.schemas.contains_key(&channel.schema_id) { channel.schema_id } else { 0 };
-        out.copy_channel(id, &crate::recording::Channel { schema_id, ..channel.clone() })
+        out.copy_channel(id, &crate::recording::Channel { schema_id, ..channel.clone() });
+    }
+
+    /// Puts what is done into the output; how many messages of the input that are.
+    fn take(&self, outcome: Outcome, kept: &BTreeMap<u16, bool>, out: &mut Output, accounts: &mut [Account], progress: &dyn Progress) -> u64 {
+        let mut copied = 0;
+        match outcome {
+            Outcome::Failed(_) => {}
+            Outcome::Chunk(chunk) => {
+                copied = chunk.messages.len() as u64;
+                out.copy_chunk(chunk);
+            }
+            Outcome::Other(message) => {
+                out.copy(&message);
+                copied = 1;
+            }
+            Outcome::Frame { camera, done, in_chunk } => {
+                let is_kept = kept.get(&done.message.channel).copied();
+                // `--drop-raw` leaves out what has a corrected twin; a frame without one is all there is of it.
+                let spared = is_kept == Some(false) && self.config.output.drop_raw && done.result.is_err();
+                if spared {
+                    self.copy_channel(out, done.message.channel);
+                }
+                if !in_chunk && (is_kept == Some(true) || spared) {
+                    out.copy(&done.message);
+                    copied = 1;
+                }
+                let Account { added, tally, report } = &mut accounts[camera];
+                tally.count(&done);
+                report.messages_added += self.cameras[camera].write_frame(out, added, &done, report.frames == 0, tally);
+                report.frames += 1;
+                progress.advance(1);
+            }
+        }
+        copied
     }
 
     /// Attachments and metadata: the input's, then ours. Those of all but the first camera have its place before their names.
-    fn finish(&self, mut out: Output, reports: &mut [Report]) -> Result<()> {
+    fn finish(&self, out: &Output, mut file: OutputFile, reports: &mut [Report]) -> Result<()> {
         for attachment in self.recording.attachments() {
             match attachment {
-                Ok(attachment) => out.attach(&attachment)?,
+                Ok(attachment) => file.copy_attachment(self.recording, &attachment)?,
                 Err(damage) => reports.iter_mut().take(1).for_each(|r| r.damage.push(damage.clone())),
             }
         }
         for record in &self.recording.metadata {
-            out.metadata(record)?;
+            file.metadata(&record.name, &record.metadata)?;
         }
         for (camera, report) in self.cameras.iter().zip(reports) {
             let (first, last) = camera.scan.span.unwrap_or_default();
@@ -265,13 +266,9 @@ impl PassTwo<'_> {
             // The settings are those of the whole run.
             texts.retain(|(name, ..)| camera.place.is_empty() || *name != "unwater.toml");
             for (name, media_type, text) in texts {
-                out.attach(&mcap::Attachment {
-                    log_time: last,
-                    create_time: first,
-                    name: format!("{}/{name}", camera.place).trim_start_matches('/').into(),
-                    media_type: media_type.into(),
-                    data: text.into_bytes().into(),
-                })?;
+                let name = format!("{}/{name}", camera.place);
+                let name = name.trim_start_matches('/');
+                file.attach(&NewAttachment { log_time: last, create_time: first, name, media_type, data: text.as_bytes() })?;
             }
             let facts = [
                 ("version", report.version.clone()),
@@ -284,10 +281,10 @@ impl PassTwo<'_> {
                 ("source_sha256", self.source_sha256.into()),
                 ("configuration", config_toml),
             ];
-            let metadata = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();
-            out.metadata(&mcap::records::Metadata { name: format!("unwater{}", camera.place), metadata })?;
+            let pairs = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();
+            file.metadata(&format!("unwater{}", camera.place), &pairs)?;
         }
-        out.finish()
+        file.finish(out)
     }
 }
 

@@ -1,15 +1,17 @@
 //! The first walk over a log: who speaks on which channel, what the small messages say. Pictures are only counted.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::UnitQuaternion;
 
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
 use crate::messages::{Decoder, DepthPixels, Edge, HeightCheck, Kind, NamedNumber, attitude_frame, heading};
-use crate::recording::{Channel, Damage, Entry, Message, Recording, Window};
+use crate::recording::{Block, Channel, Contents, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
 use crate::vehicle::{Calibration, DvlFacts, Ping};
+
+use super::ordered_map::{Job, Threads};
 
 /// A picture of a camera: all that is known without decoding it.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +20,8 @@ pub struct FrameRef {
     pub stamp: Stamp,
     /// when it was recorded
     pub logged: Stamp,
+    /// where it lies: which block of the log, which of its entries
+    pub place: (u32, u32),
 }
 
 /// What one channel said.
@@ -104,8 +108,15 @@ fn is_probed(index: usize) -> bool {
     index < 3 || index.is_power_of_two()
 }
 
-/// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window.
-pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
+/// Blocks under way, for each core [byte].
+const UNDER_WAY: usize = 16 << 20;
+
+/// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window: outside of it, only
+/// blocks are read that may hold them.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts, threads: &Threads) -> crate::error::Result<Scan> {
     let mut scan =
         Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0, window };
     for (id, channel) in &recording.channels {
@@ -119,26 +130,52 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts) -> Scan {
         }
         scan.channels.insert(*id, of_channel);
     }
-    for entry in recording.messages(Window::ALL) {
-        match entry {
-            Entry::Message(message) => {
-                if let Some(channel) = recording.channels.get(&message.channel) {
-                    scan.know(channel, &message);
+    let wanted = wanted_blocks(recording, window);
+    let read = |(number, block): (u32, &Block)| Ok((number, recording.read(block, Window::ALL)?));
+    let under_way = threads.count() * UNDER_WAY;
+    threads.lanes(|lanes| {
+        let blocks = wanted.into_iter().map(|(number, block)| (block.weight().min(under_way / 2), Job::Work((number, block))));
+        lanes.in_order(blocks, under_way, &read).try_for_each(|block| -> crate::error::Result<()> {
+            let (number, Contents { entries, .. }) = block?;
+            for (place, entry) in (0..).zip(entries) {
+                match entry {
+                    Entry::Message(message) => {
+                        if let Some(channel) = recording.channels.get(&message.channel) {
+                            scan.know(channel, &message);
+                        }
+                        scan.take(&message, (number, place), window, dvl);
+                    }
+                    Entry::Damaged(damage) => scan.damage.push(damage),
                 }
-                scan.take(&message, window, dvl);
             }
-            Entry::Damaged(damage) => scan.damage.push(damage),
-        }
-    }
+            Ok(())
+        })
+    })?;
     scan.damage.sort();
     scan.damage.dedup();
     for channel in scan.channels.values_mut() {
         if !channel.offsets.is_empty() {
             let middle = channel.offsets.len() / 2;
             channel.clock_offset_s = Some(*channel.offsets.select_nth_unstable_by(middle, f64::total_cmp).1);
+            channel.offsets = Vec::new();
         }
     }
-    scan
+    Ok(scan)
+}
+
+/// Blocks that a scan reads: those of the window; outside of it the first of every channel, which says what the channel
+/// carries, and all with latched mounts.
+fn wanted_blocks(recording: &Recording, window: Window) -> Vec<(u32, &Block)> {
+    let mut met: BTreeSet<u16> = BTreeSet::new();
+    let is_latched = |id: &u16| recording.channels.get(id).is_some_and(|c| c.topic.ends_with("tf_static"));
+    let mut wanted = |(_, block): &(u32, &Block)| match block.channels() {
+        None => true,
+        Some(channels) => {
+            let first = channels.iter().filter(|id| met.insert(**id)).count() > 0;
+            first || channels.iter().any(is_latched) || block.may_hold(window)
+        }
+    };
+    (0..).zip(recording.blocks()).filter(|block| wanted(block)).collect()
 }
 
 impl Scan {
@@ -165,7 +202,7 @@ impl Scan {
         }
     }
 
-    fn take(&mut self, message: &Message, window: Window, dvl: &DvlFacts) {
+    fn take(&mut self, message: &Message, place: (u32, u32), window: Window, dvl: &DvlFacts) {
         let inside = window.holds(message.log_time);
         let Some(channel) = self.channels.get_mut(&message.channel) else {
             self.homeless += u64::from(inside);
@@ -182,10 +219,10 @@ impl Scan {
         if !inside && !matches!(kind, Kind::Transforms(_) | Kind::CameraInfo(_)) {
             return;
         }
-        if let Err(complaint) = channel.read(decoder, kind, message, dvl) {
+        if let Err(complaint) = channel.read(decoder, kind, message, place, dvl) {
             // A picture that cannot be read is still a frame: both passes count it.
             if matches!(kind, Kind::Picture(_)) {
-                channel.frames.push(FrameRef { stamp: message.logged(), logged: message.logged() });
+                channel.frames.push(FrameRef { stamp: message.logged(), logged: message.logged(), place });
             }
             channel.unreadable.0 += 1;
             channel.unreadable.1.get_or_insert(complaint);
@@ -194,7 +231,7 @@ impl Scan {
 }
 
 impl ChannelScan {
-    fn read(&mut self, decoder: &Decoder, kind: Kind, message: &Message, dvl: &DvlFacts) -> Result<(), String> {
+    fn read(&mut self, decoder: &Decoder, kind: Kind, message: &Message, place: (u32, u32), dvl: &DvlFacts) -> Result<(), String> {
         let value = decoder.read(message.data())?;
         let said = heading(&value);
         let logged = message.logged();
@@ -213,7 +250,7 @@ impl ChannelScan {
                     self.video.get_or_insert_with(|| codec.into());
                 }
                 self.probe(&picture);
-                self.frames.push(FrameRef { stamp, logged });
+                self.frames.push(FrameRef { stamp, logged, place });
             }
             Kind::CameraInfo(decode) => {
                 if self.camera.is_none() {

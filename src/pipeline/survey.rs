@@ -6,8 +6,6 @@ mod choose;
 mod lights;
 mod mounts;
 
-use std::collections::BTreeMap;
-
 use nalgebra::Isometry3;
 
 use crate::config::Config;
@@ -19,7 +17,7 @@ use crate::image::noise::Electrons;
 use crate::image::response::Response;
 use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
-use crate::recording::{Entry, Recording};
+use crate::recording::Recording;
 use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, LampFacts, MountFacts, ResponseFacts, Rig, RigFile, SettingSeries};
@@ -115,7 +113,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let frames = if let [only] = camera_channels[..] {
         scan.channels.get_mut(&only).map(|c| std::mem::take(&mut c.frames)).unwrap_or_default()
     } else {
-        frames_in_file_order(recording, scan, &camera_channels)
+        frames_in_file_order(scan, &camera_channels)
     };
 
     let offset_s = checks::offset_s(rig_file, &camera_topic);
@@ -286,19 +284,9 @@ fn channels_of(recording: &Recording, scan: &Scan, topic: &str, wanted: impl Fn(
     ids.filter(|id| recording.channels.get(id).is_some_and(|c| c.topic == topic)).collect()
 }
 
-fn frames_in_file_order(recording: &Recording, scan: &Scan, channels: &[u16]) -> Vec<FrameRef> {
-    let mut next: BTreeMap<u16, usize> = BTreeMap::new();
-    let mut frames = Vec::new();
-    for entry in recording.messages(scan.window) {
-        if let Entry::Message(message) = entry
-            && channels.contains(&message.channel)
-            && let Some(channel) = scan.channels.get(&message.channel)
-        {
-            let index = next.entry(message.channel).or_default();
-            frames.extend(channel.frames.get(*index));
-            *index += 1;
-        }
-    }
+fn frames_in_file_order(scan: &Scan, channels: &[u16]) -> Vec<FrameRef> {
+    let mut frames: Vec<FrameRef> = channels.iter().filter_map(|id| scan.channels.get(id)).flat_map(|c| c.frames.iter().copied()).collect();
+    frames.sort_by_key(|frame| frame.place);
     frames
 }
 

@@ -1,29 +1,20 @@
-//! Writing: a temporary file beside the output, renamed when complete. Until then nothing stands under the
-//! output's name, and what is unfinished is removed when the run fails or is interrupted.
+//! Writing. [`Output`] puts pieces together: chunks of the input as they are, and chunks of our own behind them. Each
+//! piece becomes bytes on whichever core ([`Piece::into_bytes`]); [`OutputFile`] writes them in order.
 
-use std::collections::BTreeMap;
-use std::fs::{self, File};
-use std::io::BufWriter;
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+mod file;
+mod piece;
+mod records;
 
-use mcap::records::MessageHeader;
+use std::collections::{BTreeMap, VecDeque};
+use std::fs;
+use std::path::Path;
 
-use super::read::{Channel, Message, Schema};
+use super::read::{Channel, Message, PackedChunk, Schema};
 use crate::config::{Compression, OutputConfig};
 use crate::error::{Error, Result};
 
-/// The unfinished file of this process, for the handler of an interruption.
-static UNFINISHED: Mutex<Option<PathBuf>> = Mutex::new(None);
-
-/// Removes the unfinished output, if there is one: for the handler of an interruption.
-pub fn remove_unfinished() {
-    if let Ok(mut unfinished) = UNFINISHED.lock()
-        && let Some(path) = unfinished.take()
-    {
-        let _gone = fs::remove_file(path);
-    }
-}
+pub use file::{NewAttachment, OutputFile, remove_unfinished};
+pub use piece::{Piece, PieceBytes};
 
 /// Refuses an output that is the input itself (also by another name of it), or that exists already.
 ///
@@ -62,148 +53,132 @@ fn same_file(_: &Path, _: &Path) -> bool {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewChannel(u16);
 
-/// The file that is written.
+/// What is to be written, until it goes out in pieces.
 pub struct Output {
-    target: PathBuf,
-    temporary: PathBuf,
-    writer: Option<mcap::Writer<BufWriter<File>>>,
+    compression: Compression,
+    chunk_size: usize,
+    schemas: BTreeMap<u16, Schema>,
+    channels: BTreeMap<u16, Channel>,
     sequences: BTreeMap<u16, u32>,
+    open: piece::OpenChunk,
+    pieces: VecDeque<Piece>,
 }
 
 impl Output {
-    /// Opens a temporary file beside `target`.
+    /// An output of such a profile, and its temporary file beside `target`.
     ///
     /// # Errors
     /// The folder cannot be written.
-    pub fn create(target: &Path, profile: &str, config: &OutputConfig) -> Result<Self> {
-        let name = target.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let temporary = target.with_file_name(format!(".{name}.{}.part", std::process::id()));
-        let failed = |source| Error::Write { path: target.into(), source };
-        let file = File::create(&temporary).map_err(failed)?;
-        if let Ok(mut unfinished) = UNFINISHED.lock() {
-            *unfinished = Some(temporary.clone());
-        }
-        let compression = match config.compression {
-            Compression::Zstd => Some(mcap::Compression::Zstd),
-            Compression::Lz4 => Some(mcap::Compression::Lz4),
-            Compression::None => None,
+    pub fn create(target: &Path, profile: &str, config: &OutputConfig) -> Result<(Self, OutputFile)> {
+        let output = Self {
+            compression: config.compression,
+            chunk_size: usize::try_from(config.chunk_size_mib << 20).unwrap_or(usize::MAX),
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            sequences: BTreeMap::new(),
+            open: piece::OpenChunk::default(),
+            pieces: VecDeque::new(),
         };
-        let writer = mcap::WriteOptions::new()
-            .compression(compression)
-            .compression_level(1)
-            .compression_threads(0) // the default follows the machine, and so would the bytes
-            .chunk_size(Some(config.chunk_size_mib << 20))
-            .profile(profile)
-            .library(concat!("unwater ", env!("CARGO_PKG_VERSION")))
-            .create(BufWriter::with_capacity(1 << 20, file));
-        let mut output = Self { target: target.into(), temporary, writer: None, sequences: BTreeMap::new() };
-        output.writer = Some(output.checked(writer)?);
-        Ok(output)
+        Ok((output, OutputFile::create(target, profile)?))
     }
 
-    fn checked<T>(&self, result: mcap::McapResult<T>) -> Result<T> {
-        result.map_err(|e| match e {
-            mcap::McapError::Io(source) => Error::Write { path: self.target.clone(), source },
-            other => Error::WriteRecord { path: self.target.clone(), reason: other.to_string() },
-        })
-    }
-
-    fn with<T>(&mut self, act: impl FnOnce(&mut mcap::Writer<BufWriter<File>>) -> mcap::McapResult<T>) -> Result<T> {
-        let result = match &mut self.writer {
-            Some(writer) => act(writer),
-            None => return Err(Error::WriteRecord { path: self.target.clone(), reason: "it is finished already".into() }),
-        };
-        self.checked(result)
-    }
-
-    /// Takes over a schema under its own id.
-    ///
-    /// # Errors
-    /// Writing failed.
-    pub fn copy_schema(&mut self, id: u16, schema: &Schema) -> Result<()> {
-        self.with(|w| w.add_schema_with_id(id, &schema.name, &schema.encoding, &schema.data)).map(drop)
+    /// Takes over a schema under its own id. Declarations lie before the chunks, for readers that do not seek.
+    pub fn copy_schema(&mut self, id: u16, schema: &Schema) {
+        self.pieces.push_back(Piece::bare(records::schema(id, schema)));
+        self.schemas.insert(id, schema.clone());
     }
 
     /// Takes over a channel under its own id.
-    ///
-    /// # Errors
-    /// Writing failed, or its schema is not there.
-    pub fn copy_channel(&mut self, id: u16, channel: &Channel) -> Result<()> {
-        self.with(|w| w.add_channel_with_id(id, channel.schema_id, &channel.topic, &channel.message_encoding, &channel.metadata)).map(drop)
+    pub fn copy_channel(&mut self, id: u16, channel: &Channel) {
+        if self.channels.insert(id, channel.clone()).is_none() {
+            self.pieces.push_back(Piece::bare(records::channel(id, channel)));
+        }
     }
 
     /// Adds a channel of messages that are encoded so.
     ///
     /// # Errors
-    /// Writing failed.
+    /// The log has as many schemas or channels as MCAP can number.
     pub fn add_channel(&mut self, topic: &str, message_encoding: &str, schema: &Schema) -> Result<NewChannel> {
-        self.with(|w| {
-            let schema = w.add_schema(&schema.name, &schema.encoding, &schema.data)?;
-            w.add_channel(schema, topic, message_encoding, &BTreeMap::new())
-        })
-        .map(NewChannel)
+        let full = |what: &str| Error::Usage(format!("the log has as many {what} as MCAP can number; leave some out with --only"));
+        let known = self.schemas.iter().find(|(_, s)| *s == schema).map(|(id, _)| *id);
+        let schema_id = match known {
+            Some(id) => id,
+            None => {
+                let id = free_id(&self.schemas).ok_or_else(|| full("schemas"))?;
+                self.copy_schema(id, schema);
+                id
+            }
+        };
+        let id = free_id(&self.channels).ok_or_else(|| full("channels"))?;
+        self.copy_channel(id, &Channel { schema_id, topic: topic.into(), message_encoding: message_encoding.into(), metadata: BTreeMap::new() });
+        Ok(NewChannel(id))
+    }
+
+    /// Whether a chunk of the input may stand in the output as it is: in the compression that was asked for, if one was.
+    pub fn takes(compression: Compression, chunk: &PackedChunk) -> bool {
+        match compression {
+            Compression::Auto => true,
+            Compression::Zstd => chunk.compression == "zstd",
+            Compression::Lz4 => chunk.compression == "lz4",
+            Compression::None => chunk.compression.is_empty(),
+        }
+    }
+
+    /// Takes over a chunk as it is, with all its messages.
+    pub fn copy_chunk(&mut self, chunk: PackedChunk) {
+        // Messages of the input keep their order; what is added may follow later.
+        if self.open.holds_input {
+            self.flush();
+        }
+        self.pieces.push_back(Piece::packed(chunk));
     }
 
     /// Takes over a message, byte for byte.
-    ///
-    /// # Errors
-    /// Writing failed.
-    pub fn copy(&mut self, message: &Message) -> Result<()> {
-        let header =
-            MessageHeader { channel_id: message.channel, sequence: message.sequence, log_time: message.log_time, publish_time: message.publish_time };
-        self.with(|w| w.write_to_known_channel(&header, message.data()))
+    pub fn copy(&mut self, message: &Message) {
+        self.open.holds_input = true;
+        self.message(message.channel, message.sequence, message.log_time, message.publish_time, message.data());
     }
 
     /// Adds a message; it is numbered by its channel.
-    ///
-    /// # Errors
-    /// Writing failed.
-    pub fn write(&mut self, channel: NewChannel, log_time: u64, publish_time: u64, data: &[u8]) -> Result<()> {
+    pub fn write(&mut self, channel: NewChannel, log_time: u64, publish_time: u64, data: &[u8]) {
         let next = self.sequences.entry(channel.0).or_default();
-        let header = MessageHeader { channel_id: channel.0, sequence: *next, log_time, publish_time };
+        let sequence = *next;
         *next = next.wrapping_add(1);
-        self.with(|w| w.write_to_known_channel(&header, data))
+        self.message(channel.0, sequence, log_time, publish_time, data);
     }
 
-    /// Adds an attachment.
-    ///
-    /// # Errors
-    /// Writing failed.
-    pub fn attach(&mut self, attachment: &mcap::Attachment<'_>) -> Result<()> {
-        self.with(|w| w.attach(attachment))
-    }
-
-    /// Adds a metadata record.
-    ///
-    /// # Errors
-    /// Writing failed.
-    pub fn metadata(&mut self, record: &mcap::records::Metadata) -> Result<()> {
-        self.with(|w| w.write_metadata(record))
-    }
-
-    /// Completes the file and gives it its name.
-    ///
-    /// # Errors
-    /// Writing failed; nothing stands under the name then.
-    pub fn finish(mut self) -> Result<()> {
-        self.with(mcap::Writer::finish).map(drop)?;
-        let failed = |source| Error::Write { path: self.target.clone(), source };
-        if let Some(writer) = self.writer.take() {
-            let file = writer.into_inner().into_inner().map_err(|e| failed(e.into_error()))?;
-            file.sync_all().map_err(failed)?;
+    fn message(&mut self, channel: u16, sequence: u32, log_time: u64, publish_time: u64, data: &[u8]) {
+        let open = &mut self.open;
+        open.messages.push((channel, log_time, open.records.len() as u64));
+        let head = records::message_head(channel, sequence, log_time, publish_time, data.len());
+        open.records.reserve(head.len() + data.len());
+        open.records.extend_from_slice(&head);
+        open.records.extend_from_slice(data);
+        if piece::carries_picture(data) {
+            open.picture_bytes += data.len();
         }
-        fs::rename(&self.temporary, &self.target).map_err(failed)?;
-        if let Ok(mut unfinished) = UNFINISHED.lock() {
-            *unfinished = None;
+        if open.records.len() >= self.chunk_size {
+            self.flush();
         }
-        Ok(())
+    }
+
+    /// Closes the chunk that is being filled.
+    pub fn flush(&mut self) {
+        let chunk = std::mem::take(&mut self.open);
+        if !chunk.messages.is_empty() {
+            self.pieces.push_back(Piece::open(chunk, self.compression));
+        }
+    }
+
+    /// The next piece that is complete.
+    pub fn next_piece(&mut self) -> Option<Piece> {
+        self.pieces.pop_front()
     }
 }
 
-impl Drop for Output {
-    fn drop(&mut self) {
-        // The writer closes its file first; after `finish` succeeded there is nothing unfinished left to remove.
-        drop(self.writer.take());
-        remove_unfinished();
-    }
+/// An id that is not taken: behind the last one, or in a gap. 0 is no schema's.
+fn free_id<T>(taken: &BTreeMap<u16, T>) -> Option<u16> {
+    let behind = taken.last_key_value().map_or(Some(1), |(last, _)| last.checked_add(1));
+    behind.or_else(|| (1..=u16::MAX).find(|id| !taken.contains_key(id)))
 }

@@ -9,9 +9,9 @@ use unwater::image::EncodedImage;
 use unwater::image::decode::{Light, decode, describe, grey16, size};
 use unwater::messages::{Decoder, Kind, heading};
 use unwater::model::ModelFile;
-use unwater::pipeline::scan::scan;
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::survey::survey;
+use unwater::pipeline::{Threads, scan::scan};
 use unwater::recording::{Entry, Recording, Window};
 use unwater::vehicle::{DvlFacts, RigFile};
 
@@ -132,14 +132,14 @@ fn mcap(bytes: &[u8]) {
     let path = scratch();
     std::fs::write(&path, bytes).unwrap();
     if let Ok(recording) = Recording::open(&path) {
-        let mut scan = scan(&recording, Window::ALL, &DvlFacts::default());
+        let mut scan = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
         let mut total = 0;
         for entry in recording.messages(Window { start: 1, end: 1 << 62 }) {
             if let Entry::Message(m) = entry {
                 total += m.data().len();
             }
         }
-        total += recording.attachments().flatten().map(|a| a.data.len()).sum::<usize>();
+        total += recording.attachments().flatten().map(|a| a.size as usize).sum::<usize>();
         std::hint::black_box(total);
         let rig: RigFile = toml::from_str("[camera]\nhorizontal_field_of_view_deg = 60.0").unwrap();
         drop(survey(&recording, &mut scan, &Selection::default(), &rig, &Config::default()));

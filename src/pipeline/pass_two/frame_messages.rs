@@ -3,7 +3,6 @@
 use super::tally::Tally;
 use super::{Added, Done, OfCamera};
 use crate::correct::FrameFacts;
-use crate::error::Result;
 use crate::messages::Heading;
 use crate::messages::output::{self, Level};
 use crate::model::LightSettingFile;
@@ -13,35 +12,35 @@ use crate::units::Stamp;
 
 impl OfCamera<'_> {
     /// Writes all that belongs to a frame; the number of messages.
-    pub(super) fn write_frame(&self, out: &mut Output, added: &Added, done: &Done, is_first: bool, tally: &Tally) -> Result<u64> {
+    pub(super) fn write_frame(&self, out: &mut Output, added: &Added, done: &Done, is_first: bool, tally: &Tally) -> u64 {
         let (log_time, publish_time) = (done.message.log_time, done.message.publish_time);
         let mut count = 0;
         let mut put = |out: &mut Output, channel: NewChannel, data: &[u8]| {
             count += 1;
-            out.write(channel, log_time, publish_time, data)
+            out.write(channel, log_time, publish_time, data);
         };
         let stamp = done.heading.stamp.unwrap_or(done.message.logged());
         if is_first {
             for (level, text) in self.opening_lines() {
-                put(out, added.log, &output::log(self.wire, stamp, level, &text))?;
+                put(out, added.log, &output::log(self.wire, stamp, level, &text));
             }
-            put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading))?;
+            put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading));
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
-            put(out, added.beam_picture, &output::compressed_image(self.wire, &done.heading, "png", &picture))?;
+            put(out, added.beam_picture, &output::compressed_image(self.wire, &done.heading, "png", &picture));
         }
         if let Ok(shown) = &done.result {
-            put(out, added.corrected, &shown.picture)?;
+            put(out, added.corrected, &shown.picture);
             if let (Some(channel), Some(mask)) = (added.mask, &shown.mask) {
-                put(out, channel, mask)?;
+                put(out, channel, mask);
             }
             if let Some(channel) = added.camera_info {
-                put(out, channel, &output::camera_info(self.wire, &done.heading, &self.survey.rig.camera.rectified()))?;
+                put(out, channel, &output::camera_info(self.wire, &done.heading, &self.survey.rig.camera.rectified()));
             }
         }
         let (alpha, std) = self.attenuation_at(stamp);
         let attenuation = output::headed(self.wire, &done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
-        put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish())?;
-        put(out, added.plot_attenuation, &output::multi_array(self.wire, "red_green_blue", &alpha))?;
+        put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish());
+        put(out, added.plot_attenuation, &output::multi_array(self.wire, "red_green_blue", &alpha));
         if let Some(plane) = &done.plane {
             let rig = &self.survey.rig;
             let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
@@ -52,9 +51,9 @@ impl OfCamera<'_> {
                 .u32(plane.hits as u32)
                 .f64s(&[plane.residual_m, plane.nearest_ping_s])
                 .text(plane.support.word());
-            put(out, added.seafloor, &seafloor.finish())?;
-            put(out, added.plot_altitude, &output::multi_array(self.wire, "camera_altitude_m", &[altitude]))?;
-            put(out, added.plot_residual, &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]))?;
+            put(out, added.seafloor, &seafloor.finish());
+            put(out, added.plot_altitude, &output::multi_array(self.wire, "camera_altitude_m", &[altitude]));
+            put(out, added.plot_residual, &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]));
         }
         let (corrected, reason, facts) = match &done.result {
             Ok(shown) => (true, String::new(), shown.facts),
@@ -73,13 +72,13 @@ impl OfCamera<'_> {
             facts.mean_gain,
             facts.low_signal_share,
         ]);
-        put(out, added.frame, &frame.finish())?;
+        put(out, added.frame, &frame.finish());
         if let Err(reason) = &done.result
             && tally.uncorrected.get(&reason.to_string()) == Some(&1)
         {
-            put(out, added.log, &output::log(self.wire, stamp, Level::Warn, &format!("not corrected: {reason}")))?;
+            put(out, added.log, &output::log(self.wire, stamp, Level::Warn, &format!("not corrected: {reason}")));
         }
-        Ok(count)
+        count
     }
 
     /// α and its standard deviation at a time [1/m]; NaN where it is not known.

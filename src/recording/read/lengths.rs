@@ -8,27 +8,23 @@ enum Part {
     Fixed(usize),
     /// a length of four bytes, then as much
     Sized,
-    /// the same with a length of eight bytes
-    Long,
     /// a length of four bytes, then names and values, each [`Part::Sized`], to its end
     Pairs,
 }
 
 /// Whether a record of this kind can be given to the parser.
 pub fn lengths_fit(opcode: u8, mut body: &[u8]) -> bool {
-    use Part::{Fixed, Long, Pairs, Sized};
+    use Part::{Fixed, Pairs, Sized};
     let parts: &[Part] = match opcode {
         op::HEADER => &[Sized, Sized],
         op::SCHEMA => &[Fixed(2), Sized, Sized, Sized],
         op::CHANNEL => &[Fixed(4), Sized, Sized, Pairs],
         op::METADATA => &[Sized, Pairs],
-        op::ATTACHMENT => &[Fixed(16), Sized, Sized, Long, Fixed(4)],
         _ => return true,
     };
     parts.iter().all(|part| match part {
         Fixed(size) => take(&mut body, *size).is_some(),
         Sized => sized(&mut body).is_some(),
-        Long => length(&mut body, 8).and_then(|n| take(&mut body, n)).is_some(),
         Pairs => sized(&mut body).is_some_and(|mut pairs| {
             while !pairs.is_empty() {
                 if sized(&mut pairs).is_none() || sized(&mut pairs).is_none() {
@@ -46,14 +42,9 @@ fn take<'b>(body: &mut &'b [u8], size: usize) -> Option<&'b [u8]> {
     Some(taken)
 }
 
-fn length(body: &mut &[u8], bytes: usize) -> Option<usize> {
-    let number = take(body, bytes)?.iter().rev().fold(0u64, |n, b| n << 8 | u64::from(*b));
-    usize::try_from(number).ok()
-}
-
 fn sized<'b>(body: &mut &'b [u8]) -> Option<&'b [u8]> {
-    let size = length(body, 4)?;
-    take(body, size)
+    let size = u32::from_le_bytes(take(body, 4)?.try_into().ok()?);
+    take(body, size as usize)
 }
 
 #[cfg(test)]

@@ -2,26 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use super::{Block, MAGIC, Recording, chunk_head};
+use super::Recording;
 
 impl Recording {
     /// What is odd about the log without being damage: for `inspect`.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
-        let outside = self.blocks.iter().filter(|b| matches!(b, Block::Message { .. })).count();
-        if outside > 0 {
+        if self.bare_messages > 0 {
+            let outside = self.bare_messages;
             notes.push(format!("{outside} messages lie outside of chunks, with no checksum that would tell damage; rerun shows none of them"));
         }
-        let unchecked =
-            self.blocks.iter().filter(|b| matches!(b, Block::Chunk { body, .. } if chunk_head(&self.map[body.clone()]).is_some_and(|h| h.crc == 0)));
-        let unchecked = unchecked.count();
+        let unchecked = self.blocks.iter().filter(|b| b.is_chunk() && !b.is_checked()).count();
         if unchecked > 0 {
             notes.push(format!("{unchecked} of {} chunks have no checksum: damage inside them cannot be told", self.chunk_count()));
         }
-        // The footer's first number says where the summary begins.
-        const FOOTER: usize = 20;
-        let footer = self.map.len().checked_sub(MAGIC.len() + FOOTER).filter(|_| self.is_complete);
-        if footer.and_then(|at| self.map.get(at..at + 8)).is_some_and(|start| start == [0; 8]) {
+        if self.is_complete && !self.has_summary {
             notes.push("there is no summary: other programs may show nothing, or ask to recover it. The corrected log has one".into());
         }
         let mut by_name: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
