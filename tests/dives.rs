@@ -9,10 +9,10 @@ use std::process::Command;
 
 use libtest_mimic::{Arguments, Failed, Trial};
 use support::{ensure, render::Dive, replay};
-use unwater::config::OutputEncoding;
+use unwater::config::{OutputConfig, OutputEncoding};
 use unwater::model::ModelFile;
 use unwater::pipeline::{Options, Silent, correct};
-use unwater::recording::{Entry, Recording, Window};
+use unwater::recording::{Entry, Output, PackedChunk, Recording, Window};
 use unwater::report::Report;
 
 fn run(input: &Path, options: &Options) -> Result<(tempfile::TempDir, PathBuf, Report, ModelFile), Failed> {
@@ -59,6 +59,87 @@ fn corpus(data: &Path) -> Result<(), Failed> {
     ensure(checked >= 25, format!("{checked} files"))
 }
 
+/// Every file of the corpus, written anew with its chunks as they are, is read by another reader, and says the same.
+fn corpus_goes_through(data: &Path) -> Result<(), Failed> {
+    let folder = tempfile::tempdir()?;
+    let out = folder.path().join("out.mcap");
+    let (mut checked, mut through) = (0, 0);
+    for path in logs_below(&data.join("mcap_corpus"))? {
+        through += copied(&path, &out)?;
+        let (before, after) = (messages(&path)?, messages(&out)?);
+        ensure(before == after, format!("{}: {} channels, not {}", path.display(), after.len(), before.len()))?;
+        let bytes = std::fs::read(&out)?;
+        let counted = mcap::MessageStream::new(&bytes)?.try_fold(0, |n, m| m.map(|_| n + 1))?;
+        ensure(counted == before.values().map(Vec::len).sum::<usize>(), format!("{}: {counted} messages", path.display()))?;
+        let summary = mcap::Summary::read(&bytes)?.ok_or("a summary")?;
+        for index in &summary.chunk_indexes {
+            for (_, entries) in summary.read_message_indexes(&bytes, index)? {
+                entries.iter().try_for_each(|entry| summary.seek_message(&bytes, index, entry).map(drop))?;
+            }
+        }
+        checked += 1;
+    }
+    ensure(checked >= 25 && through > 20, format!("{checked} files, {through} chunks as they are"))
+}
+
+fn logs_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut logs = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            logs.extend(logs_below(&path)?);
+        } else if path.extension().is_some_and(|e| e == "mcap") {
+            logs.push(path);
+        }
+    }
+    Ok(logs)
+}
+
+/// Writes a log anew; how many chunks went through as they are.
+fn copied(path: &Path, out: &Path) -> Result<usize, Failed> {
+    let input = Recording::open(path)?;
+    let (mut output, mut file) = Output::create(out, &input.profile, &OutputConfig::default())?;
+    input.schemas.iter().for_each(|(id, schema)| output.copy_schema(*id, schema));
+    input.channels.iter().for_each(|(id, channel)| output.copy_channel(*id, channel));
+    let mut through = 0;
+    for block in input.blocks() {
+        let contents = input.read(block, Window::ALL)?;
+        let is_declared = |chunk: &PackedChunk| chunk.messages.iter().all(|m| input.channels.contains_key(&m.0));
+        if let Some(chunk) = contents.chunk.filter(is_declared) {
+            output.copy_chunk(chunk);
+            through += 1;
+        } else {
+            for entry in contents.entries {
+                if let Entry::Message(message) = entry {
+                    output.copy(&message);
+                }
+            }
+        }
+    }
+    output.flush();
+    while let Some(piece) = output.next_piece() {
+        file.put(piece.into_bytes())?;
+    }
+    for attachment in input.attachments().flatten() {
+        file.copy_attachment(&input, &attachment)?;
+    }
+    input.metadata.iter().try_for_each(|record| file.metadata(&record.name, &record.metadata))?;
+    file.finish(&output)?;
+    Ok(through)
+}
+
+type Kept = std::collections::BTreeMap<u16, Vec<(u32, u64, u64, Vec<u8>)>>;
+
+fn messages(path: &Path) -> Result<Kept, Failed> {
+    let mut kept = Kept::new();
+    for entry in Recording::open(path)?.messages(Window::ALL) {
+        if let Entry::Message(m) = entry {
+            kept.entry(m.channel).or_default().push((m.sequence, m.log_time, m.publish_time, m.data().to_vec()));
+        }
+    }
+    Ok(kept)
+}
+
 /// What is written in each encoding, read by Python's readers.
 fn read_by_others() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
@@ -98,6 +179,7 @@ fn main() {
         ("auv_set07 finishes", Box::new(|d| finishes(d, "real/auv_set07.mcap", 8))),
         ("towed_port finishes", Box::new(|d| finishes(d, "real/towed_port.mcap", 50))),
         ("MCAP corpus is read", Box::new(corpus)),
+        ("MCAP corpus goes through", Box::new(corpus_goes_through)),
         ("a Water Linked A50 agrees with itself", Box::new(replay::a50)),
         ("a Teledyne PD0 agrees with its vehicle", Box::new(replay::pd0)),
         ("a Nortek DVL333 agrees with itself", Box::new(replay::dvl333)),

@@ -13,6 +13,7 @@ use crate::image::Container;
 use crate::messages::TYPES;
 use crate::model::ModelFile;
 use crate::pipeline::clock_offsets::clock_offsets;
+use crate::pipeline::memory::Load;
 use crate::pipeline::{self, Options, corrected_topic, output_container, survey};
 use crate::recording::Recording;
 use crate::report::Report;
@@ -176,7 +177,7 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
 
 fn config(args: &ConfigArgs) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
-    say(&options.config.to_commented_toml());
+    say(&(options.config.to_commented_toml() + &pipeline::memory::table(&options.config, pipeline::Threads::new(options.threads).count())));
     Ok(Ended::Done)
 }
 
@@ -274,6 +275,10 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
     let altitudes: Vec<f64> =
         planes.iter().flatten().map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector())).collect();
     let container = output_container(s.container, &options.config);
+    let (pixels, source_bytes) = s.picture;
+    let threads = pipeline::Threads::new(options.threads).count();
+    let pass_one_frames = s.frames.len().min(options.config.estimate.max_frames);
+    let memory = Load { threads, pixels, source_bytes, pass_one_frames }.bound(&options.config).total();
     json!({
         "camera": s.camera_topic,
         "frames": s.frames.len(),
@@ -285,6 +290,8 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
         "strobe": s.rig.strobe.source,
         "white_level": s.white_level,
         "corrected_topic": corrected_topic(&s.camera_topic, container != Container::Raw),
+        "threads": threads,
+        "memory_at_most_bytes": memory,
         "remarks": s.remarks,
         "warnings": s.warnings,
     })
@@ -321,6 +328,8 @@ fn inspect_text(d: &serde_json::Value) -> String {
         line(format!("  seafloor from {} ({} pings): below {} frames{range}", word(&plan["dvl"]), plan["pings"], plan["frames_with_seafloor"]));
         line(format!("  attitude from {}", plan["attitude"].as_str().unwrap_or("nothing")));
         line(format!("  strobe from {}", plan["strobe"].as_str().unwrap_or("nothing: taken to sit at the camera")));
+        let memory = plan["memory_at_most_bytes"].as_f64().unwrap_or(f64::NAN) / 1e6;
+        line(format!("  memory at most {memory:.0} MB with {} threads", plan["threads"]));
         for clock in list(&plan["clocks"]) {
             line(format!("  clock: {}", word(&clock)));
         }

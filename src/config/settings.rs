@@ -65,7 +65,7 @@ pub const SETTINGS: &[Setting] = settings![
     "render.jpeg_quality", "1 to 100", "95 hides nothing";
     "render.depth", "8 | 16", "8 is sRGB-coded, 16 is linear";
     "output.encoding", "auto | cdr | ros1 | protobuf", "of added messages. auto: protobuf where the camera's channel is, else CDR, which both viewers show";
-    "output.compression", "zstd | lz4 | none", "of chunks";
+    "output.compression", "auto | zstd | lz4 | none", "of chunks. auto: the input's as they are, none for JPEG, PNG and WebP, which gain nothing, zstd for all else; another: all chunks";
     "output.chunk_size_mib", "MiB", "a chunk should hold several frames";
     "output.drop_raw", "true | false", "leave out the corrected camera's own images";
     "output.only", "regex", "keep only topics that match; what unwater adds stays";

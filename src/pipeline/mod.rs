@@ -3,6 +3,7 @@
 mod beam_picture;
 mod chosen_frames;
 pub mod clock_offsets;
+pub mod memory;
 mod model_of;
 mod mount_words;
 mod ordered_map;

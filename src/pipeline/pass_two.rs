@@ -20,12 +20,13 @@ mod frame_messages;
 mod of_camera;
 mod tally;
 
+pub use blocks::FRAMES_PER_CORE;
 use blocks::{Frame, Item, Outcome, UNDER_WAY};
 pub use of_camera::OfCamera;
 use tally::Tally;
 
 /// Chunks under way before and after the work on frames, for each core [byte].
-pub(super) const CHUNKS_PER_CORE: usize = 8 << 20;
+pub const CHUNKS_PER_CORE: usize = 8 << 20;
 
 /// The corrected pictures' topic: the `image…` element becomes `image_corrected`, `/compressed` comes last.
 pub fn corrected_topic(camera_topic: &str, compressed: bool) -> String {

@@ -46,6 +46,8 @@ pub struct ChannelScan {
     pub frames: Vec<FrameRef>,
     /// codes of 16-bit pictures or-ed together
     pub bits_used: u16,
+    /// bytes of the largest picture's message
+    pub largest_picture: usize,
     /// the first picture's size and container
     pub picture: Option<(usize, usize)>,
     /// whether pictures are PNG, JPEG or raw
@@ -245,6 +247,7 @@ impl ChannelScan {
         }
         match kind {
             Kind::Picture(decode) => {
+                self.largest_picture = self.largest_picture.max(message.data().len());
                 let picture = decode(&value)?;
                 if let EncodedImage::Video { codec } = picture {
                     self.video.get_or_insert_with(|| codec.into());

@@ -50,6 +50,8 @@ pub struct Survey {
     pub camera_frame: String,
     /// how its pictures are coded
     pub container: Container,
+    /// a picture's pixels, and the bytes of its largest message
+    pub picture: (usize, usize),
     /// full scale of 16-bit pictures
     pub white_level: Option<u16>,
     /// the range instrument's topic
@@ -99,10 +101,12 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let picture = of_camera.iter().find_map(|c| c.picture);
     let camera_frame = of_camera.iter().map(|c| c.frame_id.clone()).find(|f| !f.is_empty()).unwrap_or_default();
     let container = of_camera.iter().find_map(|c| c.container).unwrap_or(Container::Raw);
+    let picture_bytes = of_camera.iter().map(|c| c.largest_picture).max().unwrap_or(0);
     let white_level = config.light.white_level.or_else(|| of_camera.iter().find_map(|c| c.white_level()));
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
     let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
+    let pixels = picture.map_or(camera.width * camera.height, |(w, h)| w.saturating_mul(h));
     let response = response(rig_file)?;
     let flat_field = flat_field(rig_file, &camera, picture, response.as_ref(), config)?;
     checks::depths_to_beams(recording, scan, &mut warnings);
@@ -208,6 +212,7 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         frames,
         camera_frame,
         container,
+        picture: (pixels, picture_bytes),
         white_level,
         dvl_topic,
         attitude_topic,
