@@ -210,6 +210,9 @@ pub struct EstimateOptions {
     /// Whether attenuation may change along the log
     #[arg(long, value_enum, value_name = "WHEN")]
     pub drift: Option<Switch>,
+    /// Standard deviation of attenuation that is enough [1/m]; pass one takes more frames until then
+    #[arg(long, value_name = "STD")]
+    pub precision: Option<f64>,
     /// Frames that pass one looks at, at most
     #[arg(long, value_name = "N")]
     pub max_frames: Option<usize>,
@@ -291,6 +294,7 @@ impl Shared {
         set(&mut config.estimate.strobe_position, estimate.strobe_position);
         set(&mut config.estimate.backscatter, estimate.backscatter);
         set(&mut config.estimate.drift, estimate.drift);
+        set(&mut config.estimate.precision_per_m, estimate.precision);
         set(&mut config.estimate.max_frames, estimate.max_frames);
         set(&mut config.render.method, render.method);
         set(&mut config.render.image_format, render.image_format);

@@ -39,6 +39,8 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.strobe_position", "auto | fixed | refine | find", "0.2 m off doubles the residual and moves attenuation by 0.02 per metre; the log knows the place";
     "estimate.backscatter", "auto | off | on", "scattered light is added: unmodelled, it takes a sixth of the attenuation with it";
     "estimate.drift", "auto | off | on", "the water may change along the dive: attenuation at nodes in time";
+    "estimate.first_frames", "frames", "pass one begins with so many, in stretches where the altitude changes most, one in each part of the log";
+    "estimate.precision_per_m", "1/m", "standard deviation of attenuation that is enough; until then pass one takes twice as many frames, up to max_frames. 0: max_frames at once";
     "estimate.max_frames", "frames", "pass one's cost levels off as the dive gets longer; stretches are spread over the log";
     "estimate.attenuation_floor_per_m", "1/m", "the paper leaves out per-image values below 0.1; 0 keeps all";
     "estimate.sweeps", "count", "rounds of beam pattern and attenuation, 'we also recompute' (§IV-C)";

@@ -92,7 +92,7 @@ impl ClockOffsets {
 pub fn clock_offsets(log: &Prepared, options: &Options) -> Result<ClockOffsets> {
     let threads = Threads::new(options.threads);
     let seafloor = &options.config.seafloor;
-    let collected = collect(&log.recording, &log.scan, &log.survey, &options.config, &threads, &Silent)?;
+    let collected = collect(&log.recording, &log.scan, &log.survey, &options.config, options.config.estimate.max_frames, &threads, &Silent)?;
     let (pings, rig) = (&log.survey.pings, &log.survey.rig);
     // Pairs share frames: about as many tell something of their own as there are frames.
     let per_frame = collected.pairs.len() as f64 / collected.frames.len().max(1) as f64;

@@ -16,7 +16,7 @@ use std::path::Path;
 
 use sha2::Digest;
 
-use crate::config::{Config, Estimator, Method, OutputEncoding};
+use crate::config::{Config, EstimateConfig, Estimator, Method, OutputEncoding};
 use crate::correct::{Correction, MeanFrames};
 use crate::error::{Error, Result};
 use crate::image::Container;
@@ -151,8 +151,34 @@ pub fn estimate_logs(paths: &[&Path], options: &Options, progress: &dyn Progress
     let threads = Threads::new(options.threads);
     let logs = paths.iter().map(|path| prepare_to_write(path, options, &threads)).collect::<Result<Vec<_>>>()?;
     let warnings = logs.iter().flat_map(|p| p.survey.warnings.clone()).collect();
-    let collected = logs.iter().map(|log| Ok((log, pass_one(log, options, &threads, progress)?))).collect::<Result<Vec<_>>>()?;
-    Ok((model_of(collected, options)?, warnings))
+    Ok((learnt(&logs, options, &threads, progress)?.0, warnings))
+}
+
+/// Pass one over more and more frames, until attenuation is known as well as `estimate.precision_per_m` asks for; and the
+/// mean frames of the first log.
+fn learnt(logs: &[Prepared], options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<(ModelFile, MeanFrames)> {
+    let EstimateConfig { first_frames, max_frames, precision_per_m, .. } = options.config.estimate;
+    // Mean frames want many, whatever is known of the water.
+    let wants_all = options.config.render.method.needs_mean_frames() || precision_per_m == 0.0;
+    let mut most = if wants_all { max_frames } else { first_frames.min(max_frames) };
+    loop {
+        let pass_one = |log| Ok((log, pass_one(log, options, most, threads, progress)?));
+        let mut collected = logs.iter().map(pass_one).collect::<Result<Vec<(&Prepared, Collected)>>>()?;
+        let is_all = collected.iter().all(|(_, c)| c.is_all);
+        let means = collected.first_mut().map(|(_, c)| std::mem::take(&mut c.means)).unwrap_or_default();
+        let model = model_of(collected, options);
+        if is_all || most >= max_frames {
+            return Ok((model?, means));
+        }
+        match model {
+            Ok(model) if model.identified && model.attenuation_std_per_m.iter().all(|std| std.is_some_and(|std| std <= precision_per_m)) => {
+                return Ok((model, means));
+            }
+            // What a few stretches do not tell at all is for all to tell.
+            Ok(model) if model.identified => most = (2 * most).min(max_frames),
+            _ => most = max_frames,
+        }
+    }
 }
 
 /// Both passes, or pass two alone where a model is given, of one camera: IN → OUT.
@@ -239,17 +265,13 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
         Some(mut file) => {
             let mut quick = options.clone();
             quick.config.estimate.estimator = Estimator::Altitude;
-            let collected = pass_one(&prepared, &quick, threads, progress)?;
+            let collected = pass_one(&prepared, &quick, quick.config.estimate.max_frames, threads, progress)?;
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
             let mount = strobe_of(&file, &prepared.survey.rig).lamps;
             file.rendering = shown(&collected.frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
             (file, collected.means)
         }
-        None => {
-            let mut collected = pass_one(&prepared, options, threads, progress)?;
-            let means = std::mem::take(&mut collected.means);
-            (model_of(vec![(&prepared, collected)], options)?, means)
-        }
+        None => learnt(std::slice::from_ref(&prepared), options, threads, progress)?,
     };
     // Exposure is the model's; how highlights are shown is this run's.
     file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
@@ -330,8 +352,8 @@ const BEAM_ROUGHEST: f64 = 0.05;
 /// Beyond this the strobe's light adds nothing to what the water has scattered back [m].
 const GLOW_REACHES_M: f64 = 12.0;
 
-fn pass_one(log: &Prepared, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
-    collect(&log.recording, &log.scan, &log.survey, &options.config, threads, progress)
+fn pass_one(log: &Prepared, options: &Options, most: usize, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
+    collect(&log.recording, &log.scan, &log.survey, &options.config, most, threads, progress)
 }
 
 /// How added messages are encoded.

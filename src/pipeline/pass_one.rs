@@ -16,7 +16,7 @@ use crate::spaces::Point;
 
 use super::chosen_frames::for_frames;
 use super::ordered_map::{Threads, ordered_map};
-use super::scan::Scan;
+use super::scan::{FrameRef, Scan};
 use super::survey::Survey;
 use super::{Progress, Step};
 
@@ -38,24 +38,36 @@ pub struct Collected {
     pub pairs: Vec<MatchedPair>,
     /// mean frames, where the method wants them
     pub means: MeanFrames,
+    /// whether all frames of the log were looked at
+    pub is_all: bool,
 }
 
-/// Which frames pass one looks at: all, or stretches spread evenly over the log.
-pub fn chosen_frames(total: usize, most: usize) -> BTreeSet<usize> {
+/// Which frames pass one looks at: all, or so many stretches of neighbours. The log is parted into as many parts; of each that
+/// stretch is taken whose altitude changes most, as the water shows itself in that. Frames without a seafloor have NaN.
+pub fn chosen_frames(altitude_m: &[f64], most: usize) -> BTreeSet<usize> {
+    let total = altitude_m.len();
     if total <= most {
         return (0..total).collect();
     }
-    let stretches = (most / STRETCH).max(1);
-    let length = (most / stretches).min(total);
-    (0..stretches)
-        .flat_map(|s| {
-            let first = if stretches > 1 { s * (total - length) / (stretches - 1) } else { 0 };
-            first..first + length
+    let parts = (most / STRETCH).max(1);
+    let length = (most / parts).min(total);
+    let spread = |first: usize| {
+        let heights = altitude_m[first..first + length].iter().filter(|a| a.is_finite());
+        let (least, most, seen) = heights.fold((f64::INFINITY, 0f64, 0), |(l, m, n), a| (l.min(*a), m.max(*a), n + 1));
+        // A stretch that lost its floor shows less; a tenth more or less of spread decides nothing.
+        if seen == 0 { 0.0 } else { ((most / least).ln() * 10.0).round() / 10.0 * f64::from(seen) }
+    };
+    (0..parts)
+        .flat_map(|part| {
+            let (begin, end) = (part * total / parts, (part + 1) * total / parts);
+            let firsts = (begin..=(end - length).max(begin)).step_by(length / 2).map(|first| first.min(total - length));
+            let best = firsts.fold((0.0, begin), |best, first| if spread(first) > best.0 { (spread(first), first) } else { best });
+            best.1..best.1 + length
         })
         .collect()
 }
 
-/// Takes samples of the chosen frames and matches neighbours.
+/// Takes samples of `most` frames at most and matches neighbours.
 ///
 /// # Errors
 /// None of its own; a frame that cannot be used is left out here and accounted for in pass two.
@@ -64,11 +76,19 @@ pub fn collect(
     scan: &Scan,
     survey: &Survey,
     config: &Config,
+    most: usize,
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Collected> {
-    let chosen = chosen_frames(survey.frames.len(), config.estimate.max_frames);
-    let mut collected = Collected::default();
+    // Where all are taken, nobody asks how high they are.
+    let altitude_m = |frame: &FrameRef| {
+        let plane = survey.pings.seafloor(frame.stamp, &survey.rig, &config.seafloor);
+        plane.map_or(f64::NAN, |plane| plane.distance_m)
+    };
+    let is_all = survey.frames.len() <= most;
+    let altitudes: Vec<f64> = survey.frames.iter().map(|frame| if is_all { f64::NAN } else { altitude_m(frame) }).collect();
+    let chosen = chosen_frames(&altitudes, most);
+    let mut collected = Collected { is_all, ..Collected::default() };
     progress.begin(Step::Estimate, chosen.len());
     let wants_average = config.render.method.needs_mean_frames();
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
@@ -180,10 +200,13 @@ mod tests {
 
     #[test]
     fn stretches_are_spread_and_bounded() {
-        assert_eq!(chosen_frames(10, 400).len(), 10);
-        let chosen = chosen_frames(50_000, 400);
+        let swing =
+            |frames: usize| (0..frames).map(|i| if (20_000..20_030).contains(&i) { 1.0 + i as f64 % 30.0 } else { 2.0 }).collect::<Vec<f64>>();
+        assert_eq!(chosen_frames(&swing(10), 400).len(), 10);
+        let chosen = chosen_frames(&swing(50_000), 400);
         assert!(chosen.len() <= 400 && chosen.len() > 380, "{}", chosen.len());
-        assert!(chosen.contains(&0) && chosen.contains(&49_999));
+        assert!(chosen.iter().any(|i| *i < 2000) && chosen.iter().any(|i| *i > 48_000), "all of the log is asked");
+        assert!((20_000..20_030).filter(|i| chosen.contains(i)).count() >= STRETCH, "a change of altitude is not passed by");
         let runs = chosen.iter().zip(chosen.iter().skip(1)).filter(|(a, b)| **b == **a + 1).count();
         assert!(runs * 10 > chosen.len() * 8, "neighbours stay together");
     }
