@@ -170,12 +170,13 @@ fn learnt(logs: &[Prepared], options: &Options, threads: &Threads, progress: &dy
         if is_all || most >= max_frames {
             return Ok((model?, means));
         }
+        let is_precise = |m: &ModelFile| m.attenuation_std_per_m.iter().all(|std| std.is_some_and(|std| std <= precision_per_m));
+        // Where the light or the water changed among a few frames, it did so among others.
+        let is_steady = |m: &ModelFile| m.frame_gains.is_empty() && m.segments.0.is_empty();
         match model {
-            Ok(model) if model.identified && model.attenuation_std_per_m.iter().all(|std| std.is_some_and(|std| std <= precision_per_m)) => {
-                return Ok((model, means));
-            }
-            // What a few stretches do not tell at all is for all to tell.
-            Ok(model) if model.identified => most = (2 * most).min(max_frames),
+            Ok(model) if model.identified && is_steady(&model) && is_precise(&model) => return Ok((model, means)),
+            Ok(model) if model.identified && is_steady(&model) => most = (2 * most).min(max_frames),
+            // What a few stretches do not tell is for all to tell.
             _ => most = max_frames,
         }
     }
