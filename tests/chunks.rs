@@ -42,6 +42,9 @@ fn written(target: &Path, options: mcap::WriteOptions, times: u64) {
     for n in 0..times {
         for entry in recording.messages(Window::ALL) {
             let Entry::Message(m) = entry else { continue };
+            if n > 0 && recording.channels[&m.channel].topic == "/tf_static" {
+                continue; // latched: said once
+            }
             let later = n * 60_000_000_000;
             let (log_time, publish_time) = (m.log_time + later, m.publish_time + later);
             let mut header = mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence + 3, log_time, publish_time };

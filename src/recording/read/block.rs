@@ -152,7 +152,8 @@ impl Recording {
             return Ok(Contents { entries: vec![damage(format!("a damaged chunk is left out: {reason}"))], ..Contents::default() });
         }
         let Walked { mut contents, index, times, left_out, broken } = records(&buffer, place.clone(), window);
-        let is_sound = whole && ends && problem.is_none() && broken.is_none() && !left_out && place.len() as u64 == size;
+        // Without messages it says nothing that is not declared before it.
+        let is_sound = whole && !index.is_empty() && ends && problem.is_none() && broken.is_none() && !left_out && place.len() as u64 == size;
         if is_sound && times == (start, end) && contents.declared.iter().all(|record| self.declares(record)) {
             contents.chunk = Some(PackedChunk { record, compression, uncompressed_size: size, times, messages: index });
         }

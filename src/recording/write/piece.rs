@@ -95,8 +95,8 @@ impl Piece {
                 (vec![record], Some(facts), messages)
             }
             Kind::Open(chunk, compression) => {
-                let (parts, facts) = chunk.packed(compression)?;
-                (parts, Some(facts.0), facts.1)
+                let (parts, facts, messages) = chunk.packed(compression)?;
+                (parts, Some(facts), messages)
             }
         };
         let chunk = facts.map(|mut facts| {
@@ -119,11 +119,12 @@ impl Piece {
     }
 }
 
+type Parts = Vec<Arc<Vec<u8>>>;
 type Messages = Vec<(u16, u64, u64)>;
 
 impl OpenChunk {
     /// Its record in parts: head and compressed records.
-    fn packed(self, compression: Compression) -> io::Result<(Vec<Arc<Vec<u8>>>, (ChunkFacts, Messages))> {
+    fn packed(self, compression: Compression) -> io::Result<(Parts, ChunkFacts, Messages)> {
         let size = self.records.len() as u64;
         let crc = crc32fast::hash(&self.records);
         let times = self.messages.iter().map(|m| m.1);
@@ -154,7 +155,7 @@ impl OpenChunk {
             compressed_size,
             uncompressed_size: size,
         };
-        Ok((vec![Arc::new(head), Arc::new(data)], (facts, self.messages)))
+        Ok((vec![Arc::new(head), Arc::new(data)], facts, self.messages))
     }
 }
 
