@@ -86,7 +86,8 @@ fn ensure_sound(bytes: &[u8]) {
     let mut count = 0;
     for index in &summary.chunk_indexes {
         let (mut first, mut last) = (u64::MAX, 0);
-        for (channel, entries) in summary.read_message_indexes(bytes, index).unwrap() {
+        let indexes: Vec<_> = summary.read_message_indexes(bytes, index).unwrap().into_iter().collect();
+        for (channel, entries) in indexes {
             for entry in entries {
                 let message = summary.seek_message(bytes, index, &entry).unwrap();
                 assert_eq!((message.channel.id, message.log_time), (channel.id, entry.log_time));

@@ -73,7 +73,8 @@ fn corpus_goes_through(data: &Path) -> Result<(), Failed> {
         ensure(counted == before.values().map(Vec::len).sum::<usize>(), format!("{}: {counted} messages", path.display()))?;
         let summary = mcap::Summary::read(&bytes)?.ok_or("a summary")?;
         for index in &summary.chunk_indexes {
-            for (_, entries) in summary.read_message_indexes(&bytes, index)? {
+            let indexes: Vec<_> = summary.read_message_indexes(&bytes, index)?.into_iter().collect();
+            for (_, entries) in indexes {
                 entries.iter().try_for_each(|entry| summary.seek_message(&bytes, index, entry).map(drop))?;
             }
         }
