@@ -73,6 +73,13 @@ pub struct MatchingConfig {
     pub footprint_px: f64,
 }
 
+impl MatchingConfig {
+    /// Factor by which a picture is reduced before keypoints are looked for.
+    pub fn reduction(&self, width: usize, height: usize) -> usize {
+        width.max(height).div_ceil(self.detection_side_px).max(1)
+    }
+}
+
 impl Default for MatchingConfig {
     fn default() -> Self {
         Self {

@@ -44,7 +44,7 @@ pub const SETTINGS: &[Setting] = settings![
     "estimate.max_frames", "frames", "pass one's cost levels off as the dive gets longer; stretches are spread over the log";
     "estimate.attenuation_floor_per_m", "1/m", "the paper leaves out per-image values below 0.1; 0 keeps all";
     "estimate.sweeps", "count", "rounds of beam pattern and attenuation, 'we also recompute' (§IV-C)";
-    "estimate.grid_step_px", "px", "blocks over which a frame is sampled for Eq. 17 and Fig. 6";
+    "estimate.grid_step_px", "px at detection size", "blocks over which a frame is sampled for Eq. 17 and Fig. 6";
     "estimate.clipped_above", "share of full scale", "a clipped pixel is no measurement";
     "estimate.dark_below", "share of full scale", "the mean of a log is not the log of a mean: noise near black biases logs down";
     "estimate.beam_limit_deg", "deg", "the beam pattern's grid reaches from minus to plus this in θ and φ";

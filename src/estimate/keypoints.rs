@@ -58,7 +58,8 @@ struct Extremum {
 
 /// Finds at most `config.keypoints_per_frame` keypoints, strongest first, spread over the picture.
 pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> {
-    let (base, reduction) = log_light(image, config.detection_side_px);
+    let reduction = config.reduction(image.light.width, image.light.height);
+    let base = log_light(image, reduction);
     let shift = if image.mosaic.is_some() { 0.5 } else { 0.0 };
     let mut next = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt());
     let mut found = Vec::new();
@@ -93,10 +94,9 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
     spread(found.into_iter().map(keypoint).collect(), image, config.keypoints_per_frame).into_iter().map(described).collect()
 }
 
-/// Mean of the bands, reduced by an integer factor to `side` at most, in logarithm.
-fn log_light(image: &SensorImage, side: usize) -> (Plane, usize) {
+/// Mean of the bands, reduced by an integer factor, in logarithm.
+fn log_light(image: &SensorImage, factor: usize) -> Plane {
     let light = &image.light;
-    let factor = light.width.max(light.height).div_ceil(side).max(1);
     let (width, height) = (light.width / factor, light.height / factor);
     let mut data = vec![0f32; width * height];
     // Of a mosaic, every 2×2 window holds one red, two green, one blue: blocks reach one pixel further there.
@@ -114,7 +114,7 @@ fn log_light(image: &SensorImage, side: usize) -> (Plane, usize) {
             *out = (*out * scale + 1e-3).ln();
         }
     }
-    (Plane { width, height, data }, factor)
+    Plane { width, height, data }
 }
 
 /// Separable Gaussian, edges repeated.

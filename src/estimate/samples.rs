@@ -113,6 +113,7 @@ pub fn samples(
     matching: &MatchingConfig,
     config: &EstimateConfig,
 ) -> FrameSamples {
+    let reduction = matching.reduction(image.light.width, image.light.height);
     let mut taken = FrameSamples {
         frame,
         stamp,
@@ -122,7 +123,7 @@ pub fn samples(
         keypoints: Vec::new(),
         places: Vec::new(),
         sights: Vec::new(),
-        grid: grid(image, view, config),
+        grid: grid(image, view, reduction, config),
         mean_light: [0.0; 3],
         eight_bit: false,
         distance_m: view.plane.distance_m,
@@ -218,8 +219,9 @@ fn log_color(pool: Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {
     std::array::from_fn(|b| if b < bands && usable && f64::from(pool.mean[b]) >= config.dark_below { pool.mean[b].ln() } else { f32::NAN })
 }
 
-fn grid(image: &SensorImage, view: &View<'_>, config: &EstimateConfig) -> Vec<(u32, Sight)> {
-    let step = config.grid_step_px;
+fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &EstimateConfig) -> Vec<(u32, Sight)> {
+    // As many blocks for a large picture as for a small one: what is kept must not grow with the camera.
+    let step = config.grid_step_px * reduction;
     let (columns, rows, bands) = (image.light.width / step, image.light.height / step, image.bands());
     let mut sights = Vec::with_capacity(columns * rows);
     for row in 0..rows {

@@ -169,7 +169,7 @@ fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &
     let near: Vec<(usize, usize)> = near.chain(crossings(frames, survey, config)).collect();
     progress.begin(Step::Match, near.len());
     let camera = &survey.rig.camera;
-    let reduction = camera.width.max(camera.height).div_ceil(config.matching.detection_side_px).max(1) as f64;
+    let reduction = config.matching.reduction(camera.width, camera.height) as f64;
     let inlier = config.matching.inlier_px * reduction / camera.fx;
     let work = |(a, b): (usize, usize)| {
         let of = |i: usize| Matchable { keypoints: &frames[i].keypoints, places: &frames[i].places };
