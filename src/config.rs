@@ -358,11 +358,21 @@ pub struct OutputConfig {
     pub drop_raw: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub only: Option<String>,
+    pub seafloor_points_across: usize,
+    pub raw_preview_side_px: usize,
 }
 
 impl Default for OutputConfig {
     fn default() -> Self {
-        Self { encoding: OutputEncoding::Auto, compression: Compression::Auto, chunk_size_mib: 4, drop_raw: false, only: None }
+        Self {
+            encoding: OutputEncoding::Auto,
+            compression: Compression::Auto,
+            chunk_size_mib: 4,
+            drop_raw: false,
+            only: None,
+            seafloor_points_across: 64,
+            raw_preview_side_px: 960,
+        }
     }
 }
 
@@ -431,6 +441,7 @@ impl Config {
                 "a JPEG holds 8 bits: use --image-format png or raw with --depth 16",
             ),
             ((1..=1024).contains(&self.output.chunk_size_mib), "output.chunk_size_mib must lie in 1 to 1024"),
+            (self.output.seafloor_points_across <= 4096, "output.seafloor_points_across must be at most 4096"),
         ];
         checks.iter().find(|(ok, _)| !ok).map_or(Ok(()), |(_, sentence)| Err((*sentence).into()))
     }

@@ -6,6 +6,7 @@ Every message that unwater added must decode by its own schema; prints one line 
 """
 
 import math
+import struct
 import sys
 
 from mcap.reader import make_reader
@@ -43,6 +44,18 @@ with open(path, "rb") as file:
             assert len(said.attenuation_per_m) == 3 and all(0 < a < 3 for a in said.attenuation_per_m) and said.physical
         elif topic == "/unwater/seafloor":
             assert abs(said.normal_x**2 + said.normal_y**2 + said.normal_z**2 - 1) < 1e-9 and said.hits >= 3 and said.support
+        elif topic == "/unwater/seafloor/cloud":
+            points = len(said.data) // (said.point_stride if encoding == "protobuf" else said.point_step)
+            x, y, z = struct.unpack("<3f", bytes(said.data[:12]))
+            assert points > 1000 and [f.name for f in said.fields[:3]] == ["x", "y", "z"] and 0.2 < z < 20 and abs(x) < z and abs(y) < z
+        elif topic == "/unwater/strobe/beam":
+            assert len(said.data) > 0
+        elif topic == "/unwater/seafloor/transform":
+            (transform,) = [said] if encoding == "protobuf" else said.transforms
+            assert transform.child_frame_id == "unwater/seafloor"
+        elif topic == "/unwater/strobe":
+            q = said.pose.orientation
+            assert abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1) < 1e-9 and abs(said.pose.position.z) < 10
         elif topic == "/unwater/beam_pattern":
             assert len(said.log_gain) == len(said.theta_deg) * len(said.phi_deg)
         elif topic.startswith("/unwater/plot/"):
@@ -55,4 +68,4 @@ with open(path, "rb") as file:
         assert all(s > 0 for s in stamps.get(topic, ())), f"{topic}: no stamp"
 for topic, (name, count) in sorted(seen.items()):
     print(f"{topic}  {name}  {count}")
-assert len(seen) == 11, f"{len(seen)} topics"
+assert len(seen) == 16, f"{len(seen)} topics"

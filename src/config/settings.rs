@@ -71,6 +71,8 @@ pub const SETTINGS: &[Setting] = settings![
     "output.chunk_size_mib", "MiB", "a chunk should hold several frames";
     "output.drop_raw", "true | false", "leave out the corrected camera's own images";
     "output.only", "regex", "keep only topics that match; what unwater adds stays";
+    "output.seafloor_points_across", "points", "the seafloor in the viewers' 3-D panels: points along a picture's width, 16 bytes each; 0: none";
+    "output.raw_preview_side_px", "px", "raw pictures that a viewer cannot draw (16 bits, mono, packed) get an 8-bit picture for the eye, this large at most; 0: none";
 ];
 
 /// An error of a TOML file, with the nearest known key where one was not known.

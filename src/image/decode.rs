@@ -114,11 +114,7 @@ fn samples(encoding: &str) -> Option<Samples> {
 /// See [`codes`].
 pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, String> {
     let codes = codes(encoded, light)?;
-    let mut image = LinearImage::new(codes.width, codes.height, codes.stored_bands());
-    for (y, row) in image.pixels.chunks_exact_mut(codes.width * image.bands).enumerate() {
-        codes.light_row(y, row);
-    }
-    Ok(Decoded { image: SensorImage { light: image, mosaic: codes.mosaic }, coding: codes.coding })
+    Ok(Decoded { image: codes.light(), coding: codes.coding })
 }
 
 /// A picture out of its container, before its codes are light: rows become light one at a time, where they are used.
@@ -155,6 +151,15 @@ impl Codes<'_> {
     /// Bands once it is demosaiced.
     pub fn bands(&self) -> usize {
         if self.mosaic.is_some() { 3 } else { self.stored_bands() }
+    }
+
+    /// Light of all rows.
+    pub fn light(&self) -> SensorImage {
+        let mut image = LinearImage::new(self.width, self.height, self.stored_bands());
+        for (y, row) in image.pixels.chunks_exact_mut(self.width * image.bands).enumerate() {
+            self.light_row(y, row);
+        }
+        SensorImage { light: image, mosaic: self.mosaic }
     }
 
     /// Light of a row, `width × stored_bands` values.

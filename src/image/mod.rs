@@ -10,6 +10,7 @@ pub mod encode;
 pub mod flat_field;
 pub mod noise;
 mod packed;
+pub mod reduce;
 pub mod response;
 pub mod transfer;
 mod yuv;

@@ -83,6 +83,9 @@ macro_rules! with_header {
     };
 }
 
+mod scene;
+pub use scene::{POINT_CLOUD, POSE, ScenePoint, TRANSFORM, point_cloud, pose, transform};
+
 /// A corrected picture as JPEG or PNG.
 pub const COMPRESSED_IMAGE: OutputType = OutputType {
     name: "sensor_msgs/msg/CompressedImage",
@@ -195,7 +198,7 @@ pub const LOG: OutputType = OutputType {
         name: "foxglove.Log",
         fields: &[
             ("timestamp", 1, Form::Time),
-            ("level", 2, Form::Level),
+            ("level", 2, Form::Choice("Level", &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"])),
             ("message", 3, Form::Text),
             ("name", 4, Form::Text),
             ("file", 5, Form::Text),
@@ -324,6 +327,9 @@ mod tests {
                 (MULTI_ARRAY, multi_array(wire, "attenuation_per_m", &[1.0, 2.0])),
                 (LOG, log(wire, Stamp(5_000_000_001), Level::Warn, "dark")),
                 (FRAME, frame),
+                (POSE, pose(wire, &heading, &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
+                (TRANSFORM, transform(wire, &heading, "floor", &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
+                (POINT_CLOUD, point_cloud(wire, &heading, &[ScenePoint { at: [1.0, 2.0, 3.0], rgb: [255, 128, 0] }; 5])),
             ];
             for (kind, bytes) in cases {
                 let schema = kind.schema_in(wire);
@@ -337,6 +343,14 @@ mod tests {
                         assert_eq!(value.text("msg").or(value.text("message")), Some("dark"), "{wire:?}");
                         assert_eq!((value.text("name"), said.stamp), (Some("unwater"), Some(Stamp(5_000_000_001))), "{wire:?}");
                     }
+                    "geometry_msgs/msg/PoseStamped" => {
+                        assert_eq!((value.number("pose.position.y"), value.number("pose.orientation.w")), (Some(2.0), Some(1.0)), "{wire:?}");
+                    }
+                    "tf2_msgs/msg/TFMessage" => assert!(
+                        value.text("child_frame_id") == Some("floor") && value.number("translation.z") == Some(3.0)
+                            || value.list("transforms").is_some_and(|t| t.len() == 1),
+                        "{wire:?}"
+                    ),
                     "unwater_msgs/msg/Frame" => {
                         assert_eq!((value.flag("corrected"), value.number("mean_gain"), value.text("reason")), (Some(true), Some(0.5), Some("why")));
                     }

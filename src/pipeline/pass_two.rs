@@ -18,6 +18,7 @@ use super::{Progress, Step};
 mod blocks;
 mod frame_messages;
 mod of_camera;
+mod scene;
 mod tally;
 
 pub use blocks::FRAMES_PER_CORE;
@@ -67,6 +68,11 @@ struct Added {
     mask: Option<NewChannel>,
     attenuation: NewChannel,
     seafloor: NewChannel,
+    cloud: Option<NewChannel>,
+    transform: NewChannel,
+    strobe: NewChannel,
+    strobe_beam: NewChannel,
+    raw_preview: Option<NewChannel>,
     beam_pattern: NewChannel,
     beam_picture: NewChannel,
     frame: NewChannel,
@@ -81,6 +87,8 @@ struct Done {
     message: Message,
     heading: Heading,
     plane: Option<SeafloorPlane>,
+    /// the raw picture for the eye
+    preview: Option<Vec<u8>>,
     result: std::result::Result<Shown, Reason>,
 }
 
@@ -90,6 +98,8 @@ struct Shown {
     picture: Vec<u8>,
     /// the mask's
     mask: Option<Vec<u8>>,
+    /// the seafloor's, for 3-D panels
+    cloud: Option<Vec<u8>>,
     facts: FrameFacts,
 }
 

@@ -28,8 +28,14 @@ impl OfCamera<'_> {
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
             put(out, added.beam_picture, &output::compressed_image(self.wire, &done.heading, "png", &picture));
         }
+        if let (Some(channel), Some(preview)) = (added.raw_preview, &done.preview) {
+            put(out, channel, preview);
+        }
         if let Ok(shown) = &done.result {
             put(out, added.corrected, &shown.picture);
+            if let (Some(channel), Some(cloud)) = (added.cloud, &shown.cloud) {
+                put(out, channel, cloud);
+            }
             if let (Some(channel), Some(mask)) = (added.mask, &shown.mask) {
                 put(out, channel, mask);
             }
@@ -37,6 +43,7 @@ impl OfCamera<'_> {
                 put(out, channel, &output::camera_info(self.wire, &done.heading, &self.survey.rig.camera.rectified()));
             }
         }
+        put(out, added.strobe, &self.strobe_pose(&done.heading));
         let (alpha, std) = self.attenuation_at(stamp);
         let attenuation = output::headed(self.wire, &done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
         put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish());
@@ -52,6 +59,8 @@ impl OfCamera<'_> {
                 .f64s(&[plane.residual_m, plane.nearest_ping_s])
                 .text(plane.support.word());
             put(out, added.seafloor, &seafloor.finish());
+            put(out, added.transform, &self.seafloor_transform(&done.heading, plane));
+            put(out, added.strobe_beam, &self.strobe_beam(&done.heading, plane));
             put(out, added.plot_altitude, &output::multi_array(self.wire, "camera_altitude_m", &[altitude]));
             put(out, added.plot_residual, &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]));
         }

@@ -18,6 +18,7 @@ use crate::units::Stamp;
 
 use super::super::scan::Scan;
 use super::super::survey::Survey;
+use super::scene::Shown8;
 use super::{Added, Done, Shown, corrected_topic, method_name, output_container};
 
 /// A camera that is corrected, and all that pass two needs for it.
@@ -86,6 +87,11 @@ impl OfCamera<'_> {
             mask: if self.config.render.mask { Some(add(&ours("mask/compressed"), output::COMPRESSED_IMAGE)?) } else { None },
             attenuation: add(&ours("attenuation"), output::ATTENUATION)?,
             seafloor: add(&ours("seafloor"), output::SEAFLOOR)?,
+            cloud: if self.config.output.seafloor_points_across > 0 { Some(add(&ours("seafloor/cloud"), output::POINT_CLOUD)?) } else { None },
+            transform: add(&ours("seafloor/transform"), output::TRANSFORM)?,
+            strobe: add(&ours("strobe"), output::POSE)?,
+            strobe_beam: add(&ours("strobe/beam"), output::POINT_CLOUD)?,
+            raw_preview: if self.needs_preview() { Some(add(&ours("raw/compressed"), output::COMPRESSED_IMAGE)?) } else { None },
             beam_pattern: add(&ours("beam_pattern"), output::BEAM_PATTERN)?,
             beam_picture: add(&ours("beam_pattern/picture/compressed"), output::COMPRESSED_IMAGE)?,
             frame: add(&ours("frame"), output::FRAME)?,
@@ -100,7 +106,7 @@ impl OfCamera<'_> {
     pub(super) fn frame(&self, index: usize, message: Message, srgb: &SrgbTable) -> Done {
         let container = self.container();
         let mut said = Heading::default();
-        let mut plane = None;
+        let (mut plane, mut preview) = (None, None);
         let result = (|| {
             let decoder = self.scan.decoders.get(&message.channel).ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
             let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
@@ -113,6 +119,9 @@ impl OfCamera<'_> {
             let (width, height, bands) = (codes.width, codes.height, codes.bands());
             let flat_field = self.survey.flat_field.as_ref();
             flat_field.map_or(Ok(()), |flat| flat.ensure_fits(width, height)).map_err(|_sizes| Reason::WrongSize)?;
+            if self.needs_preview() {
+                preview = Some(self.preview(&said, &codes, srgb).map_err(Reason::Unencodable)?);
+            }
             let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
             let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
                 NoSeafloor::NoPing { .. } => Reason::NoPing,
@@ -125,10 +134,10 @@ impl OfCamera<'_> {
                 return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
             }
             let relief = self.survey.pings.relief(stamp, &found, &self.survey.rig);
+            let rectified = self.config.render.rectify.then(|| camera.rectified());
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found, relief: relief.as_ref() };
             let now = self.correction.model.at(stamp);
             let noise = Noise::of(&codes.coding, light, self.correction.electrons);
-            let rectified = self.config.render.rectify.then(|| camera.rectified());
             let frame = Frame { codes: &codes, flat_field, view: &view, gain: self.frame_gain(stamp), noise: &noise, rectified: rectified.as_ref() };
             let mut samples = Vec::with_capacity(width * height * bands * usize::from(self.config.render.depth / 8));
             let take = |row: &mut [f32]| match self.config.render.depth {
@@ -144,11 +153,14 @@ impl OfCamera<'_> {
             let shown = || -> std::result::Result<Shown, String> {
                 let png = |mask: Vec<u8>| encode::png(&mask, width, height, 1, 8);
                 let mask = mask.map(png).transpose()?.map(|png| output::compressed_image(self.wire, &said, "png", &png));
-                Ok(Shown { picture: self.encoded(&said, samples, (width, height, bands), container, subsampled)?, mask, facts })
+                let view = View { camera: rectified.as_ref().unwrap_or(&camera), ..view };
+                let shown = Shown8 { samples: &samples, width, height, bands, depth: self.config.render.depth, srgb };
+                let cloud = (self.config.output.seafloor_points_across > 0).then(|| self.seafloor_cloud(&said, &shown, &view));
+                Ok(Shown { picture: self.encoded(&said, samples, (width, height, bands), container, subsampled)?, mask, cloud, facts })
             };
             shown().map_err(Reason::Unencodable)
         })();
-        Done { message, heading: said, plane, result }
+        Done { message, heading: said, plane, preview, result }
     }
 
     /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
