@@ -2,7 +2,11 @@
 
 mod commands;
 mod init;
+mod layout;
+mod paint;
+mod papers;
 mod progress;
+mod summary;
 
 use std::path::PathBuf;
 
@@ -16,6 +20,8 @@ use crate::recording::Window;
 use crate::vehicle::RigFile;
 
 pub use commands::run;
+pub use layout::LayoutArgs;
+pub use papers::{CompletionsArgs, ManArgs};
 
 /// How a command ended; `main` turns it into an exit status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,11 +49,11 @@ pub struct Cli {
 pub enum Command {
     /// Estimate and correct: a dive log in, a corrected log out
     #[command(
-        after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap -o clear.mcap --depth 16\n  unwater correct dive2.mcap --model dive1.model.json\n\nExit status: 0 done; 1 failed, nothing written; 2 bad usage; 3 done, with losses that are listed."
+        after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap -o clear.mcap --depth 16\n  unwater estimate dive.mcap && unwater correct dive_2.mcap --model dive.model.json\n\nExit status: 0 done; 1 failed, nothing written; 2 bad usage; 3 done, with losses that are listed."
     )]
     Correct(Correct),
     /// Pass one alone: write a model that corrects this dive, or others of the same water and strobe
-    #[command(after_help = "Examples:\n  unwater estimate dive.mcap\n  unwater estimate dive_1.mcap dive_2.mcap -o dive.model.json")]
+    #[command(after_help = "Examples:\n  unwater estimate dive.mcap -o model.json\n  unwater estimate dive_1.mcap dive_2.mcap -o two.model.json")]
     Estimate(EstimateArgs),
     /// Show what a log holds, what is missing, and what would be done
     #[command(
@@ -55,11 +61,22 @@ pub enum Command {
     )]
     Inspect(Inspect),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in
-    #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml")]
+    #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml -o by_rig.mcap")]
     Init(Init),
     /// Print every setting with its effective value, unit and reason
     #[command(after_help = "Examples:\n  unwater config > unwater.toml\n  unwater config --config unwater.toml --depth 16")]
     Config(ConfigArgs),
+    /// Write a layout for Foxglove, or a script that opens rerun, with this log's topics laid out
+    #[command(
+        after_help = "Examples:\n  unwater layout dive.corrected.mcap --foxglove\n  unwater layout dive.corrected.mcap --rerun   # then: python dive.corrected.rerun.py"
+    )]
+    Layout(LayoutArgs),
+    /// Print a script that completes words in your shell
+    #[command(after_help = "Examples:\n  unwater completions bash > unwater.bash\n  unwater completions zsh > _unwater")]
+    Completions(CompletionsArgs),
+    /// Write man pages, one for each command
+    #[command(after_help = "Example:\n  unwater man man1")]
+    Man(ManArgs),
 }
 
 /// `correct`

@@ -19,6 +19,7 @@ pub mod model;
 pub mod correct;
 pub mod estimate;
 
+pub mod layout;
 pub mod recording;
 pub mod report;
 

@@ -419,3 +419,31 @@ fn init_writes_what_is_known_of_a_log_that_lacks_the_rest_and_a_field_of_view_is
     assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
     assert!(stderr(&ran).contains("field of view alone") && stderr(&ran).contains("per metre"), "{}", stderr(&ran));
 }
+
+#[test]
+fn layouts_name_what_the_log_holds_and_only_of_corrected_logs() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out.mcap");
+    assert_eq!(unwater(&["correct", text(dive()), "-o", text(&out), "-q"]).status.code(), Some(0));
+    let topics = by_topic(&out);
+    let layout = folder.path().join("out.foxglove.json");
+    assert_eq!(unwater(&["layout", text(&out), "--foxglove"]).status.code(), Some(0));
+    let said = std::fs::read_to_string(&layout).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let panels = json["configById"].as_object().unwrap();
+    let shown: Vec<&str> = panels.values().filter_map(|p| p["imageMode"]["imageTopic"].as_str()).collect();
+    assert_eq!(shown, ["/unwater/raw/compressed", "/camera/image_corrected/compressed", "/unwater/beam_pattern/picture/compressed"]);
+    for panel in panels.values().filter_map(|p| p["topics"].as_object()) {
+        assert!(panel.len() == 4 && panel.keys().all(|t| topics.contains_key(t)), "{panel:?}");
+    }
+    assert_eq!(topics["/unwater/raw/compressed"].len(), topics["/camera/image_raw"].len());
+
+    // Nothing is overwritten unasked; a log that was not corrected has no views; one viewer has to be named.
+    let ran = unwater(&["layout", text(&out), "--foxglove"]);
+    assert!(ran.status.code() == Some(1) && stderr(&ran).contains("--force"), "{}", stderr(&ran));
+    let ran = unwater(&["layout", text(dive()), "--rerun", "-o", "-"]);
+    assert!(ran.status.code() == Some(1) && stderr(&ran).contains("unwater correct"), "{}", stderr(&ran));
+    assert_eq!(unwater(&["layout", text(&out)]).status.code(), Some(2));
+    let ran = unwater(&["layout", text(&out), "--rerun", "-o", "-"]);
+    assert!(String::from_utf8_lossy(&ran.stdout).contains("\"seafloor_frame\": \"unwater/seafloor\""));
+}

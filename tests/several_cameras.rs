@@ -120,6 +120,15 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
     assert_eq!(names, ["model.json", "report.json", "unwater.toml", "rig.toml", "two/model.json", "two/report.json", "two/rig.toml"]);
     let records: Vec<(&str, &str)> = recording.metadata.iter().map(|m| (m.name.as_str(), m.metadata["camera_topic"].as_str())).collect();
     assert_eq!(records, [("unwater", "/camera/image_raw"), ("unwater/two", "/two/image_raw")]);
+    // Each has a tab in the layouts, with its own topics.
+    let views = unwater::layout::cameras(&recording);
+    let corrected: Vec<&str> = views.iter().filter_map(|v| v.corrected.as_deref()).collect();
+    assert_eq!(corrected, ["/camera/image_corrected/compressed", "/two/image_corrected/compressed"]);
+    assert_eq!(views[1].seafloor_frame.as_deref(), Some("unwater/two/seafloor"));
+    assert_eq!((views[1].raw.as_deref(), views[1].camera_info.as_deref()), (Some("/two/image_raw"), Some("/two/camera_info")));
+    let layout: serde_json::Value = serde_json::from_str(&unwater::layout::foxglove(&views)).unwrap();
+    let tabs = layout["configById"][layout["layout"].as_str().unwrap()]["tabs"].as_array().unwrap();
+    assert_eq!(tabs.iter().map(|t| t["title"].as_str().unwrap()).collect::<Vec<_>>(), ["/camera/image_raw", "/two/image_raw"]);
     // Everything of the input is there, once.
     for (topic, messages) in by_topic(&path) {
         assert!(same(&messages, &all[&topic]), "{topic}");

@@ -1,13 +1,14 @@
 //! One function per command: run it, say what came of it. Results go to stdout, everything else to stderr.
 
-use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use super::paint::Paint;
 use super::progress::Bar;
-use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init};
+use super::summary;
+use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init, layout, papers};
 use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
@@ -29,11 +30,14 @@ pub fn run(cli: Cli) -> Result<Ended> {
         Command::Inspect(args) => inspect(&args),
         Command::Init(args) => init::run(&args),
         Command::Config(args) => config(&args),
+        Command::Layout(args) => layout::run(&args),
+        Command::Completions(args) => papers::completions(&args),
+        Command::Man(args) => papers::man(&args),
     }
 }
 
 /// `dive.mcap` → `dive.<suffix>` beside it.
-fn beside(input: &Path, suffix: &str) -> PathBuf {
+pub(super) fn beside(input: &Path, suffix: &str) -> PathBuf {
     let name = input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = name.strip_suffix(".mcap").unwrap_or(&name);
     input.with_file_name(format!("{stem}.{suffix}"))
@@ -54,7 +58,7 @@ fn correct(args: &Correct) -> Result<Ended> {
             Some(ModelFile::from_json(&text).map_err(|reason| Error::BadFile { path: path.clone(), what: "not a model", reason })?)
         }
     };
-    let given = model.is_some();
+    let (given, begun) = (model.is_some(), std::time::Instant::now());
     let cameras = pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
     for (report, _) in cameras.iter().filter(|_| !args.shared.quiet) {
         complain(&report.warnings, &report.remarks, args.shared.verbose);
@@ -73,67 +77,29 @@ fn correct(args: &Correct) -> Result<Ended> {
         }
         _ if args.shared.quiet => {}
         cameras => {
+            let paint = Paint::of_stdout();
+            let took = (cameras.len() == 1).then(|| begun.elapsed());
             for (report, model) in cameras {
                 if cameras.len() > 1 {
-                    say(&format!("camera       {}\n", report.camera_topic));
+                    say(&format!("{} {}\n", paint.name("camera      "), report.camera_topic));
                 }
-                say(&summary(report, model, given, &output));
+                say(&summary::summary(report, model, given, took, paint));
             }
+            let sum = |count: fn(&Report) -> u64| cameras.iter().map(|(report, _)| count(report)).sum();
+            say(&summary::written(sum(|r| r.messages_copied), sum(|r| r.messages_added), &output, paint));
         }
     }
     Ok(if cameras.iter().any(|(report, _)| report.has_losses()) { Ended::DoneWithLosses } else { Ended::Done })
 }
 
 fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
+    let paint = Paint::of_stderr();
     for warning in warnings {
-        eprintln!("warning: {warning}");
+        eprintln!("{} {warning}", paint.warning("warning:"));
     }
     for remark in remarks.iter().filter(|_| verbose > 0) {
         eprintln!("note: {remark}");
     }
-}
-
-fn attenuation_text(model: &ModelFile) -> String {
-    let sure = if model.identified { "" } else { ", not identified" };
-    format!("{} per metre ({}, {} estimator{sure})", model.attenuation_text(), model.attenuation_kind, model.estimator)
-}
-
-/// Ten lines for people.
-fn summary(report: &Report, model: &ModelFile, given: bool, output: &Path) -> String {
-    let mut text = String::new();
-    let mut line = |name: &str, value: &str| {
-        let _infallible = writeln!(text, "{name:<12} {value}");
-    };
-    line("frames", &format!("{} of {} corrected", report.corrected, report.frames));
-    for (reason, count) in &report.uncorrected {
-        line("", &format!("{count} passed uncorrected: {reason}"));
-    }
-    let source = if given { ", from the model given" } else { "" };
-    line("attenuation", &format!("{}{source}", attenuation_text(model)));
-    if let Some(strobe) = model.strobe.as_ref().filter(|s| s.source == "found" || s.source == "refined") {
-        let [x, y, z] = strobe.position_in_optical_m;
-        let std = strobe.position_std_m.map_or_else(String::new, |s| format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt()));
-        line("strobe", &format!("{}, at [{x:.3}, {y:.3}, {z:.3}]{std} m from the camera (right, down, ahead)", strobe.source));
-    }
-    if let Some([low, high]) = report.camera_altitude_m {
-        let planes: Vec<String> = report.planes.iter().map(|(k, v)| format!("{v} {k}")).collect();
-        line("altitude", &format!("{low:.2} to {high:.2} m (planes: {})", planes.join(", ")));
-    }
-    let share = |name: &str| 100.0 * report.mean_shares.get(name).copied().unwrap_or(0.0);
-    line(
-        "pixels",
-        &format!(
-            "{:.2} % clipped in, {:.2} % clipped out, {:.2} % gain capped, {:.2} % off the seafloor",
-            share("clipped_input"),
-            share("clipped_output"),
-            share("gain_capped"),
-            share("off_surface")
-        ),
-    );
-    line("messages", &format!("{} copied, {} added", report.messages_copied, report.messages_added));
-    line("written", &output.display().to_string());
-    line("look at it", &format!("rerun {0}   or open it in Foxglove: {1}", output.display(), report.corrected_topic));
-    text
 }
 
 fn estimate(args: &EstimateArgs) -> Result<Ended> {
@@ -152,7 +118,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
         complain(&warnings, &[], args.shared.verbose);
         complain(&model.warnings, &[], args.shared.verbose);
         if let Some(why) = &model.not_identified_because {
-            eprintln!("warning: attenuation is not identified: {why}");
+            eprintln!("{} attenuation is not identified: {why}", Paint::of_stderr().warning("warning:"));
         }
     }
     if to_stdout {
@@ -161,7 +127,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
     }
     write_text(&output, &model.to_json())?;
     if !args.shared.quiet {
-        say(&format!("attenuation  {}\nwritten      {}\n", attenuation_text(&model), output.display()));
+        say(&format!("attenuation  {}\nwritten      {}\n", summary::attenuation(&model, Paint::of_stdout()), output.display()));
     }
     Ok(Ended::Done)
 }

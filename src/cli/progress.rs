@@ -1,15 +1,18 @@
-//! A bar per step on a terminal, with rate and time left; nothing elsewhere.
+//! A bar per step on a terminal, with rate and time left, and what it took when it is over; nothing elsewhere.
 
 use std::sync::Mutex;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
+use super::paint::Paint;
+use super::summary::duration;
 use crate::pipeline::{Progress, Step};
 
 /// The bar of the step at hand.
 pub struct Bar {
     quiet: bool,
-    bar: Mutex<Option<ProgressBar>>,
+    /// the bar, the step's name and what it counts
+    bar: Mutex<Option<(ProgressBar, [&'static str; 2])>>,
 }
 
 impl Bar {
@@ -18,7 +21,7 @@ impl Bar {
         Self { quiet, bar: Mutex::new(None) }
     }
 
-    fn with(&self, act: impl FnOnce(&mut Option<ProgressBar>)) {
+    fn with(&self, act: impl FnOnce(&mut Option<(ProgressBar, [&'static str; 2])>)) {
         if let Ok(mut bar) = self.bar.lock() {
             act(&mut bar);
         }
@@ -32,18 +35,33 @@ impl Progress for Bar {
             Step::Match => ("pass 1: matching", "pairs"),
             Step::Correct => ("pass 2: correcting", "frames"),
         };
-        let template = format!("{name:<19} {{wide_bar}} {{pos}}/{{len}} {unit}, {{per_sec:.1}}, {{eta}} left");
+        let paint = Paint::of_stderr();
+        let drawn = if paint == Paint::PLAIN { "{wide_bar}" } else { "{wide_bar:.cyan/dim}" };
+        let template = format!("{} {drawn} {{pos}}/{{len}} {unit}, {{per_second}}, {{eta}} left", paint.name(&format!("{name:<19}")));
         let target = if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(Some(total as u64), target);
-        bar.set_style(ProgressStyle::with_template(&template).unwrap_or_else(|_no_template| ProgressStyle::default_bar()));
-        self.with(|slot| *slot = Some(bar));
+        let style = ProgressStyle::with_template(&template).unwrap_or_else(|_no_template| ProgressStyle::default_bar());
+        // A rate as the summary has it: 2.4 a second, not 2.4183/s.
+        bar.set_style(style.progress_chars("━━─").with_key("per_second", |state: &ProgressState, w: &mut dyn std::fmt::Write| {
+            let _infallible = write!(w, "{:.1} a second", state.per_sec());
+        }));
+        self.with(|slot| *slot = Some((bar, [name, unit])));
     }
 
     fn advance(&self, units: usize) {
-        self.with(|slot| slot.iter().for_each(|b| b.inc(units as u64)));
+        self.with(|slot| slot.iter().for_each(|(b, _)| b.inc(units as u64)));
     }
 
     fn end(&self) {
-        self.with(|slot| slot.take().iter().for_each(ProgressBar::finish_and_clear));
+        self.with(|slot| {
+            let Some((bar, [name, unit])) = slot.take() else { return };
+            let (is_seen, took) = (!bar.is_hidden(), bar.elapsed());
+            bar.finish_and_clear();
+            if is_seen {
+                let (done, seconds) = (bar.position(), took.as_secs_f64().max(1e-9));
+                let name = Paint::of_stderr().name(&format!("{name:<19}"));
+                eprintln!("{name} {done} {unit} in {}, {:.1} a second", duration(took), done as f64 / seconds);
+            }
+        });
     }
 }

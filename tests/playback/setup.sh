@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# Installs what the playback check reads logs with, into target/playback: rerun's SDK and the libraries that Foxglove decodes with.
+# Needs Python 3.11 or later and Node 20 or later. May be run again: what is there already is left as it is.
+set -euo pipefail
+here="$(cd "$(dirname "$0")" && pwd)"
+there="${CARGO_TARGET_DIR:-$here/../../target}/playback"
+mkdir -p "$there"
+cd "$there"
+if ! cmp -s "$here/requirements.txt" .installed/requirements.txt; then
+  [ -x venv/bin/python ] || python3 -m venv venv
+  venv/bin/pip install --quiet --disable-pip-version-check -r "$here/requirements.txt"
+  venv/bin/rerun analytics disable >/dev/null # it sends usage data otherwise
+  mkdir -p .installed && cp "$here/requirements.txt" .installed/
+fi
+if ! cmp -s "$here/package.json" .installed/package.json; then
+  cp "$here/package.json" .
+  npm install --no-audit --no-fund --no-package-lock --ignore-scripts --loglevel=error
+  mkdir -p .installed && cp "$here/package.json" .installed/
+fi
