@@ -88,7 +88,8 @@ fn camera_info_of(recording: &Recording, camera: &str) -> Option<String> {
 fn bands_of(recording: &Recording, place: &str) -> usize {
     let name = format!("{place}/model.json");
     let model = recording.attachments().filter_map(Result::ok).find(|a| a.name == name.trim_start_matches('/'));
-    let model = model.and_then(|a| serde_json::from_slice::<serde_json::Value>(&a.data).ok());
+    let model = model.and_then(|a| recording.attachment_data(&a).ok());
+    let model = model.and_then(|data| serde_json::from_slice::<serde_json::Value>(&data).ok());
     model.and_then(|m| m["attenuation_per_m"].as_array().map(Vec::len)).filter(|n| (1..=3).contains(n)).unwrap_or(3)
 }
 
