@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn a_picture_smaller_than_a_block_is_no_reason_to_fail() {
-        let small = reduced(&raw("mono8", 100, 2, &[51; 200]), 10);
+        let small = reduced(&raw("mono8", 100, 3, &[51; 300]), 10);
         assert!((small.width, small.height) == (10, 1) && (small.pixels[9] - 0.2).abs() < 1e-6);
     }
 }
