@@ -7,6 +7,8 @@ pub mod units;
 
 pub mod image;
 
+pub mod draw;
+
 pub mod config;
 
 pub mod vehicle;
@@ -22,5 +24,8 @@ pub mod estimate;
 pub mod recording;
 pub mod report;
 
-pub mod cli;
 pub mod pipeline;
+
+pub mod look;
+
+pub mod cli;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::progress::Bar;
-use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init};
+use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init, look};
 use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
@@ -28,12 +28,15 @@ pub fn run(cli: Cli) -> Result<Ended> {
         Command::Estimate(args) => estimate(&args),
         Command::Inspect(args) => inspect(&args),
         Command::Init(args) => init::run(&args),
+        Command::Report(args) => look::report(&args),
+        Command::Compare(args) => look::compare(&args),
+        Command::Mosaic(args) => look::mosaic(&args),
         Command::Config(args) => config(&args),
     }
 }
 
 /// `dive.mcap` → `dive.<suffix>` beside it.
-fn beside(input: &Path, suffix: &str) -> PathBuf {
+pub(super) fn beside(input: &Path, suffix: &str) -> PathBuf {
     let name = input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = name.strip_suffix(".mcap").unwrap_or(&name);
     input.with_file_name(format!("{stem}.{suffix}"))
@@ -47,13 +50,7 @@ pub(super) fn say(text: &str) {
 fn correct(args: &Correct) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
     let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "corrected.mcap"));
-    let model = match &args.model {
-        None => None,
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
-            Some(ModelFile::from_json(&text).map_err(|reason| Error::BadFile { path: path.clone(), what: "not a model", reason })?)
-        }
-    };
+    let model = model_file(args.model.as_deref())?;
     let given = model.is_some();
     let cameras = pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
     for (report, _) in cameras.iter().filter(|_| !args.shared.quiet) {
@@ -82,6 +79,13 @@ fn correct(args: &Correct) -> Result<Ended> {
         }
     }
     Ok(if cameras.iter().any(|(report, _)| report.has_losses()) { Ended::DoneWithLosses } else { Ended::Done })
+}
+
+/// The model of `--model`.
+pub(super) fn model_file(path: Option<&Path>) -> Result<Option<ModelFile>> {
+    let Some(path) = path else { return Ok(None) };
+    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.into(), source })?;
+    ModelFile::from_json(&text).map(Some).map_err(|reason| Error::BadFile { path: path.into(), what: "not a model", reason })
 }
 
 fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
