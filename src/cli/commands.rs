@@ -172,11 +172,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
 
 /// Writes a small file under a temporary name first.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
-    let failed = |source| Error::Write { path: path.into(), source };
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    std::fs::write(&temporary, text).map_err(failed)?;
-    std::fs::rename(&temporary, path).map_err(failed)
+    crate::look::write_whole(path, text.as_bytes())
 }
 
 fn config(args: &ConfigArgs) -> Result<Ended> {

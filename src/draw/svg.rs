@@ -23,14 +23,14 @@ pub fn escaped(text: &str) -> String {
     safe
 }
 
-/// An axis: what it says, with its unit, and its ends.
+/// An axis: what it says, with its unit, and its ends; values fall along it where `from` is the larger.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     /// words under or beside it
     pub label: String,
-    /// least value
+    /// value at the left or lower end
     pub from: f64,
-    /// largest
+    /// value at the other end
     pub to: f64,
 }
 
@@ -158,7 +158,8 @@ impl Plot {
 
     /// A field of values: a rectangle with two opposite corners, in the bar's colour; `None` is masked.
     pub fn cell(&mut self, (x0, y0): (f64, f64), (x1, y1): (f64, f64), value: Option<f64>, says: &str) {
-        let ((a, b), (c, d)) = (self.place(x0.min(x1), y0.max(y1)), self.place(x0.max(x1), y0.min(y1)));
+        let ((a, b), (c, d)) = (self.place(x0, y0), self.place(x1, y1));
+        let ((a, b), (c, d)) = ((a.min(c), b.min(d)), (a.max(c), b.max(d)));
         // A hair wider, or the page shines through between neighbours.
         let (width, height) = (c - a + 0.4, d - b + 0.4);
         let style = match (&self.bar, value) {
@@ -194,12 +195,12 @@ impl Plot {
         );
         let mut put = |text: String| out.push_str(&text);
         put(format!("<rect class=\"field\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{fw:.1}\" height=\"{fh:.1}\"/>"));
-        for (value, word) in ticks(self.x.from, self.x.to, (fw / 75.0) as usize) {
+        for (value, word) in ticks(self.x.from.min(self.x.to), self.x.from.max(self.x.to), (fw / 75.0) as usize) {
             let (x, y) = self.place(value, self.y.from);
             put(format!("<line class=\"grid\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{y:.1}\"/>"));
             put(format!("<text class=\"tick\" x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>", y + 18.0, minus(&word)));
         }
-        for (value, word) in ticks(self.y.from, self.y.to, (fh / 45.0) as usize) {
+        for (value, word) in ticks(self.y.from.min(self.y.to), self.y.from.max(self.y.to), (fh / 45.0) as usize) {
             let (x, y) = self.place(self.x.from, value);
             put(format!("<line class=\"grid\" x1=\"{x:.1}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>", x + fw));
             put(format!("<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", x - 7.0, y + 4.5, minus(&word)));

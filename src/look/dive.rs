@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::config::Config;
+use crate::config::{Config, SETTINGS};
 use crate::error::{Error, Result};
 use crate::messages::value::Value;
 use crate::messages::{Decoder, heading};
@@ -97,10 +97,7 @@ impl CorrectedLog {
             let remedy = "it holds no record of a correction; give the output of `unwater correct`".into();
             return Err(bad("no corrected log", remedy));
         }
-        let config = match texts.get("unwater.toml") {
-            Some(text) => Config::from_toml(text).map_err(|e| bad("a setting of the attachment unwater.toml", e))?,
-            None => Config::default(),
-        };
+        let config = texts.get("unwater.toml").map_or_else(Config::default, |text| settings_of(text));
         let mut cameras = Vec::new();
         for (place, facts) in records {
             let named = |name: &str| texts.get(format!("{place}/{name}").trim_start_matches('/'));
@@ -178,6 +175,20 @@ impl CorrectedLog {
     }
 }
 
+/// The settings of a run, also of another version: keys that this one does not know are left out.
+fn settings_of(text: &str) -> Config {
+    let known = |section: &str, key: &str| SETTINGS.iter().any(|s| s.key.split_once('.') == Some((section, key)));
+    Config::from_toml(text).unwrap_or_else(|_other_version| {
+        let mut table: toml::Table = toml::from_str(text).unwrap_or_default();
+        for (section, values) in &mut table {
+            if let Some(values) = values.as_table_mut() {
+                values.retain(|key, _| known(section, key));
+            }
+        }
+        Config::from_toml(&toml::to_string(&table).unwrap_or_default()).unwrap_or_default()
+    })
+}
+
 /// Which of a camera's pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pictures {
@@ -207,5 +218,17 @@ fn frame_record(value: &Value<'_>, log_time: u64, logged: Stamp, floor: Option<F
         reason: value.text("reason").unwrap_or("").into(),
         altitude_m: value.number("camera_altitude_m").unwrap_or(f64::NAN),
         floor,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::settings_of;
+
+    #[test]
+    fn settings_of_another_version_are_read_as_far_as_they_are_known() {
+        let config = settings_of("[render]\ndepth = 16\nglitter = true\n[seafloor]\nmax_ping_gap_s = 2.5\n");
+        assert_eq!((config.render.depth, config.seafloor.max_ping_gap_s), (16, 2.5));
+        assert_eq!(settings_of("no settings"), Default::default());
     }
 }

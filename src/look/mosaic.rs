@@ -83,7 +83,7 @@ pub fn mosaic(log: &CorrectedLog, asked: &Asked, options: &Options) -> Result<Mo
     let mut words = Vec::new();
     let frames = chosen_frames(&corrected, camera, options.window.is_some(), &mut words);
     if frames.is_empty() {
-        return Err(Error::Usage("no corrected frame lies in this stretch of the log".into()));
+        return Err(Error::Picture("no corrected frame lies in this stretch of the log".into()));
     }
     let places = Places::read(&log.recording, window);
     let (mut laid, is_level_known) = lay(raw.as_ref().unwrap_or(&corrected), &frames, &places, &mut words)?;
@@ -176,14 +176,15 @@ fn lay(bench: &Bench, frames: &[(u64, Stamp, SeafloorPlane)], places: &Places, w
     let mut stretches: BTreeMap<u32, usize> = BTreeMap::new();
     poses.iter().flatten().for_each(|(stretch, _)| *stretches.entry(*stretch).or_default() += 1);
     let longest = stretches.iter().max_by_key(|(stretch, frames)| (**frames, std::cmp::Reverse(**stretch))).map(|(s, _)| *s);
-    let of = |((log_time, stamp, plane), pose): (&(u64, Stamp, SeafloorPlane), &Option<(u32, Isometry3<f64>)>)| {
-        let (_, world_from_body) = pose.filter(|(stretch, _)| Some(*stretch) == longest)?;
-        Some(Laid { log_time: *log_time, stamp: *stamp, world_from_body, plane: *plane })
-    };
-    let laid: Vec<Laid> = frames.iter().zip(&poses).filter_map(of).collect();
+    let mut laid = Vec::new();
+    for ((log_time, stamp, plane), pose) in frames.iter().zip(&poses) {
+        if let Some((_, world_from_body)) = pose.filter(|(stretch, _)| Some(*stretch) == longest) {
+            laid.push(Laid { log_time: *log_time, stamp: *stamp, world_from_body, plane: *plane });
+        }
+    }
     if laid.len() < 2 {
         let reason = "frames cannot be laid out: the log has no odometry, no velocity over the ground with an attitude, and no two neighbouring frames that show the same points".to_string();
-        return Err(Error::Usage(reason));
+        return Err(Error::Picture(reason));
     }
     if laid.len() < frames.len() {
         words.push(format!("{} of {} frames: the others are not joined to these", laid.len(), frames.len()));

@@ -56,7 +56,7 @@ struct Recipe {
 }
 
 const RECIPES: [Recipe; 12] = [
-    Recipe { name: "raw", source: "brightened by one factor", methods: &[] },
+    Recipe { name: "raw", source: "brightness by one factor", methods: &[] },
     Recipe { name: "grey world", source: "the frame's mean is grey", methods: &[Method::GreyWorld] },
     Recipe { name: "white patch", source: "the frame's brightest is white", methods: &[Method::WhitePatch] },
     Recipe { name: "adaptive histogram", source: "contrast-limited, per frame", methods: &[Method::Ahe] },
@@ -115,8 +115,8 @@ pub fn sheet(input: &Path, model: Option<ModelFile>, which: Which, options: &Opt
     let small = |frame: &BenchFrame| reduced(&frame.image.clone().into_bands(), SIDE);
     bench.each(&near, |frame| Looked { samples: bench.samples(&frame, true), raw: small(&frame), frame }, |l| looked.push(l));
     let Some(own) = looked.iter().position(|l| l.frame.index == index) else {
-        let reason = "it cannot be decoded, or has no floor below it; `unwater inspect` says more, and another frame may do".into();
-        return Err(Error::BadFile { path: input.into(), what: "the frame cannot be compared", reason });
+        let why = "cannot be decoded, or has no floor below it; `unwater inspect` says more, and another frame may do";
+        return Err(Error::Picture(format!("frame {index} of {} {why}", input.display())));
     };
     let here = looked.remove(own);
     let pairs = overlapping(&bench, &here, &looked);

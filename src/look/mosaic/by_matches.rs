@@ -24,6 +24,9 @@ struct Frame {
     points: Vec<[f64; 2]>,
 }
 
+/// A place, and the same place in another frame's metres.
+pub type Pair = ([f64; 2], [f64; 2]);
+
 /// A turn and a shift in the plane.
 #[derive(Clone, Copy, Debug)]
 pub struct Rigid {
@@ -50,11 +53,11 @@ impl Rigid {
     }
 
     /// Least squares, thrice over without what lies far off; `None` where too few points are left.
-    pub fn fitted(pairs: &[([f64; 2], [f64; 2])]) -> Option<Self> {
+    pub fn fitted(pairs: &[Pair]) -> Option<Self> {
         let mut kept: Vec<_> = pairs.to_vec();
         let mut found = Self::least_squares(&kept)?;
         for _ in 0..3 {
-            let off = |(p, q): &([f64; 2], [f64; 2])| {
+            let off = |(p, q): &Pair| {
                 let r = found.of(*p);
                 (r[0] - q[0]).hypot(r[1] - q[1])
             };
@@ -67,12 +70,12 @@ impl Rigid {
         Some(found)
     }
 
-    fn least_squares(pairs: &[([f64; 2], [f64; 2])]) -> Option<Self> {
+    fn least_squares(pairs: &[Pair]) -> Option<Self> {
         if pairs.len() < 3 {
             return None;
         }
         let n = pairs.len() as f64;
-        let mean = |of: fn(&([f64; 2], [f64; 2])) -> [f64; 2]| {
+        let mean = |of: fn(&Pair) -> [f64; 2]| {
             let sum = pairs.iter().map(of).fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
             [sum[0] / n, sum[1] / n]
         };
@@ -155,7 +158,7 @@ mod tests {
     fn a_turn_and_a_shift_are_found_among_strays() {
         let truth = Rigid { cos: 0.4f64.cos(), sin: 0.4f64.sin(), shift: [0.7, -1.3] };
         let point = |i: usize| [(i * 37 % 101) as f64 / 50.0 - 1.0, (i * 53 % 97) as f64 / 48.0 - 1.0];
-        let pair = |i: usize| if i % 5 == 0 { (point(i), point(i + 3)) } else { (point(i), truth.of(point(i))) };
+        let pair = |i: usize| if i.is_multiple_of(5) { (point(i), point(i + 3)) } else { (point(i), truth.of(point(i))) };
         let found = Rigid::fitted(&(0..100).map(pair).collect::<Vec<_>>()).expect("many points");
         assert!((found.cos - truth.cos).abs() < 1e-9 && (found.shift[1] + 1.3).abs() < 1e-9, "{found:?}");
         // One after the other is the same as both at once.

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::look::pictures::codes_as_shown;
 use crate::look::places::{Fix, M_PER_DEG, Places, east_north, fix_at};
 
-use super::by_matches::Rigid;
+use super::by_matches::{Pair, Rigid};
 
 /// Where on Earth the mosaic's world lies.
 pub struct Position {
@@ -28,7 +28,7 @@ const LEAST_WAY: f64 = 5.0;
 /// The position by the fixes of the log: a shift, and a turn where the world's axes are nobody's.
 pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<Position> {
     let none = || {
-        Error::Usage("the log has no position (sensor_msgs/NavSatFix or the like) near these frames, so the mosaic has no place on Earth; give a name that ends in .png".into())
+        Error::Picture("the log has no position (sensor_msgs/NavSatFix or the like) near these frames, so the mosaic has no place on Earth; give a name that ends in .png".into())
     };
     let (topic, fixes) = places.best_fixes().ok_or_else(none)?;
     let origin = *fixes.first().ok_or_else(none)?;
@@ -36,7 +36,7 @@ pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<
         let t = l.world_from_body.translation.vector;
         Some(([t.x, t.y], east_north(&fix_at(fixes, l.stamp)?, &origin)))
     };
-    let pairs: Vec<([f64; 2], [f64; 2])> = laid.iter().filter_map(of).collect();
+    let pairs: Vec<Pair> = laid.iter().filter_map(of).collect();
     if pairs.is_empty() {
         return Err(none());
     }
@@ -47,7 +47,7 @@ pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<
         let misfit = misfit(&pairs, turn_rad);
         let (first, last) = (pairs[0].1, pairs[pairs.len() - 1].1);
         if rigid.is_none() || (last[0] - first[0]).hypot(last[1] - first[1]) < LEAST_WAY * misfit.1 {
-            return Err(Error::Usage(
+            return Err(Error::Picture(
                 "the log has no heading, and its positions are too close together to tell one; give a name that ends in .png".into(),
             ));
         }
@@ -57,7 +57,7 @@ pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<
 }
 
 /// The median shift from turned places to fixes, and the root mean square of what is left.
-fn misfit(pairs: &[([f64; 2], [f64; 2])], turn_rad: f64) -> ([f64; 2], f64) {
+fn misfit(pairs: &[Pair], turn_rad: f64) -> ([f64; 2], f64) {
     let (sin, cos) = turn_rad.sin_cos();
     let off: Vec<[f64; 2]> = pairs.iter().map(|(p, q)| [q[0] - (cos * p[0] - sin * p[1]), q[1] - (sin * p[0] + cos * p[1])]).collect();
     let shift = [0, 1].map(|k| {

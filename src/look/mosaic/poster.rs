@@ -10,7 +10,7 @@ const GAP: i64 = 40;
 const HEAD: i64 = 118;
 /// Height of a profile, and of all that stands under a strip [px].
 const PROFILE: i64 = 190;
-const FOOT: i64 = PROFILE + 110;
+const FOOT: i64 = PROFILE + 154;
 /// Least width of a strip's place [px]: words must fit.
 const LEAST_WIDTH: i64 = 430;
 /// Profiles are means over this share of the width to each side.
@@ -55,7 +55,7 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
         }
         profile(&mut canvas, mosaic, strip, (left, head + grid.height as i64 + 22));
     }
-    metre(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 34));
+    metre(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 30));
     canvas
 }
 

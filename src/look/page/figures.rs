@@ -162,10 +162,11 @@ pub fn beam_pattern(camera: &CameraLog, place: &str) -> Figure {
     let (low, high) = span(known.iter().map(|(i, _)| beam.theta_deg[*i]).collect());
     let room = 2.0 * step;
     let x = Axis { label: "φ, about the strobe's y axis [°]".into(), from: left - room, to: right + room };
-    let y = Axis { label: "θ, about its x axis [°]".into(), from: low - room, to: high + room };
+    // θ falls: as the strobe looks, what lies below its axis is below here.
+    let y = Axis { label: "θ, about its x axis [°]".into(), from: high + room, to: low - room };
     // Degrees are as long up as across.
-    let scale = (430.0 / (x.to - x.from)).min(430.0 / (y.to - y.from));
-    let field = ((x.to - x.from) * scale, (y.to - y.from) * scale);
+    let scale = (430.0 / (x.to - x.from)).min(430.0 / (y.from - y.to));
+    let field = ((x.to - x.from) * scale, (y.from - y.to) * scale);
     // A peak of a few cells at the edge would leave the rest dark: the colours end where nearly all values lie.
     let mut gains: Vec<f64> = known.iter().filter_map(|(i, j)| seen(*i, *j)).map(f64::exp).collect();
     gains.sort_by(f64::total_cmp);

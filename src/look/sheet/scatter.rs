@@ -122,7 +122,7 @@ impl Agreement {
         let (left, top) = (x + 58, y);
         canvas.fill((left, top), (SIDE, SIDE), [255; 3]);
         let place = |v: f64| (v - from) / (to - from) * SIDE as f64;
-        for (value, word) in ticks(from, to, 2) {
+        for (value, word) in ticks(from, to, 3) {
             let at = place(value) as i64;
             canvas.fill((left + at, top + SIDE), (1, 4), SOFT);
             canvas.fill((left - 4, top + SIDE - at), (4, 1), SOFT);
