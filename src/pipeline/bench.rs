@@ -6,13 +6,13 @@ use std::collections::BTreeSet;
 use super::model_of::strobe_of;
 use super::ordered_map::{Threads, ordered_map};
 use super::pass_one::camera_messages;
-use super::{Prepared, glow_table};
+use super::{BEAM_REFINED, BEAM_ROUGHEST, Prepared, glow_table};
 use crate::config::{Config, Method, WhiteBalance};
-use crate::correct::{Correction, MeanFrames, rendering};
+use crate::correct::{Correction, Frame, MeanFrames, rendering};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, samples};
 use crate::geometry::{LightPath, Relief, SeafloorPlane, View};
-use crate::image::decode::{Coding, Light, decode};
+use crate::image::decode::{Codes, Light, codes, decode};
 use crate::image::noise::Noise;
 use crate::image::{LinearImage, SensorImage};
 use crate::messages::Kind;
@@ -30,6 +30,8 @@ pub struct Bench {
     /// the choices
     pub config: Config,
     model: ImagingModel,
+    /// the same with a finer beam pattern, and how rough that is
+    fine: (ImagingModel, (f64, f64)),
     threads: Threads,
 }
 
@@ -43,8 +45,8 @@ pub struct BenchFrame {
     pub log_time: u64,
     /// linear light
     pub image: SensorImage,
-    /// how it was coded
-    pub coding: Coding,
+    /// as it lies in the log
+    message: Message,
     /// the camera at this picture's size
     pub camera: Camera,
     /// the floor below
@@ -62,7 +64,9 @@ impl Bench {
         log.survey.rig.strobe = strobe_of(&file, &log.survey.rig);
         log.survey.white_level = config.light.white_level.or(file.rendering.white_level).or(log.survey.white_level);
         let model = file.imaging_model().map_err(Error::Usage)?;
-        Ok(Self { log, file, config, model, threads: Threads::new(threads) })
+        let fine = ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
+        let roughness = fine.beam_pattern.roughness(BEAM_ROUGHEST);
+        Ok(Self { log, file, config, model, fine: (fine, roughness), threads: Threads::new(threads) })
     }
 
     /// Does some work on each of the chosen frames, on all cores, and hands on what comes of it in the order of the frames.
@@ -98,7 +102,7 @@ impl Bench {
         let plane = survey.pings.seafloor(stamp, &survey.rig, &self.config.seafloor).ok()?;
         let relief = survey.pings.relief(stamp, &plane, &survey.rig);
         let camera = survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height)?;
-        Some(BenchFrame { index, stamp, log_time: message.log_time, image: picture.image, coding: picture.coding, camera, plane, relief })
+        Some(BenchFrame { index, stamp, log_time: message.log_time, image: picture.image, message: message.clone(), camera, plane, relief })
     }
 
     fn light(&self) -> Light<'_> {
@@ -137,11 +141,13 @@ impl Bench {
 
     /// A frame corrected: light where 1 is white.
     pub fn corrected(&self, frame: &BenchFrame, method: Method, rendering: &RenderingFile, glow: Option<&GlowTable>) -> LinearImage {
-        let now = self.model.at(frame.stamp);
+        let (fine, roughness) = &self.fine;
+        let now = fine.at(frame.stamp);
         let mut config = self.config.render.clone();
         (config.method, config.mask, config.rectify) = (method, false, false);
         let correction = Correction {
             model: &now,
+            roughness: *roughness,
             rendering,
             config: &config,
             glow: now.backscatter.as_ref().zip(glow),
@@ -149,8 +155,28 @@ impl Bench {
             clipped_above: self.config.estimate.clipped_above as f32,
             electrons: self.log.survey.electrons,
         };
-        let noise = Noise::of(&frame.coding, self.light(), self.log.survey.electrons);
-        correction.apply(frame.image.clone(), &self.view(frame), self.frame_gain(frame.stamp), None, &noise).image
+        let mut out = LinearImage::new(frame.image.light.width, frame.image.light.height, frame.image.bands());
+        let mut pixels = Vec::with_capacity(out.pixels.len());
+        // The frame has been decoded once, so it can be again; otherwise it stays black.
+        let _decoded_before = self.with_codes(&frame.message, |codes| {
+            let noise = Noise::of(&codes.coding, self.light(), self.log.survey.electrons);
+            let (view, gain) = (self.view(frame), self.frame_gain(frame.stamp));
+            let flat_field = self.log.survey.flat_field.as_ref();
+            let frame = Frame { codes, flat_field, view: &view, gain, noise: &noise, rectified: None };
+            correction.apply(&frame, |row| pixels.extend_from_slice(row));
+        });
+        if pixels.len() == out.pixels.len() {
+            out.pixels = pixels;
+        }
+        out
+    }
+
+    fn with_codes(&self, message: &Message, work: impl FnOnce(&Codes<'_>)) -> Option<()> {
+        let decoder = self.log.scan.decoders.get(&message.channel)?;
+        let value = decoder.read(message.data()).ok()?;
+        let Kind::Picture(read) = decoder.message_type.kind else { return None };
+        work(&codes(&read(&value).ok()?, self.light()).ok()?);
+        Some(())
     }
 
     /// Light of a frame over its neighbours', as pass one found it or as settings tell.
