@@ -37,7 +37,7 @@ const MEANS_OF_FRAMES: usize = 100;
 /// Other frames that points are compared with, at most.
 const OTHERS: usize = 4;
 /// Width of a tile's picture, and room around tiles [px].
-const TILE: usize = 440;
+const TILE_WIDTH: usize = 440;
 const GAP: i64 = 20;
 const COLUMNS: usize = 4;
 /// Height of the words over a picture, and of the head of the sheet [px].
@@ -49,25 +49,25 @@ const INK: [u8; 3] = [28, 33, 38];
 const SOFT: [u8; 3] = [100, 110, 118];
 
 /// What a tile shows: its name, where it comes from, and the methods one after the other; none is raw.
-struct Recipe {
+struct Tile {
     name: &'static str,
     source: &'static str,
     methods: &'static [Method],
 }
 
-const RECIPES: [Recipe; 12] = [
-    Recipe { name: "raw", source: "brightness by one factor", methods: &[] },
-    Recipe { name: "grey world", source: "the frame's mean is grey", methods: &[Method::GreyWorld] },
-    Recipe { name: "white patch", source: "the frame's brightest is white", methods: &[Method::WhitePatch] },
-    Recipe { name: "adaptive histogram", source: "contrast-limited, per frame", methods: &[Method::Ahe] },
-    Recipe { name: "homomorphic, low-pass", source: "Eq. 12, per frame", methods: &[Method::Homomorphic] },
-    Recipe { name: "homomorphic, surface", source: "Eq. 12, polynomial per frame", methods: &[Method::HomomorphicSurface] },
-    Recipe { name: "adaptive hist. + grey world", source: "one after the other", methods: &[Method::Ahe, Method::GreyWorld] },
-    Recipe { name: "low-pass + grey world", source: "one after the other", methods: &[Method::Homomorphic, Method::GreyWorld] },
-    Recipe { name: "surface + grey world", source: "one after the other", methods: &[Method::HomomorphicSurface, Method::GreyWorld] },
-    Recipe { name: "frame average", source: "Eq. 14, mean of the log", methods: &[Method::FrameAverage] },
-    Recipe { name: "range average", source: "mean of frames at this height", methods: &[Method::RangeAverage] },
-    Recipe { name: "unwater", source: "Eq. 15, full correction", methods: &[Method::Full] },
+const TILES: [Tile; 12] = [
+    Tile { name: "raw", source: "brightness by one factor", methods: &[] },
+    Tile { name: "grey world", source: "the frame's mean is grey", methods: &[Method::GreyWorld] },
+    Tile { name: "white patch", source: "the frame's brightest is white", methods: &[Method::WhitePatch] },
+    Tile { name: "adaptive histogram", source: "contrast-limited, per frame", methods: &[Method::Ahe] },
+    Tile { name: "homomorphic, low-pass", source: "Eq. 12, per frame", methods: &[Method::Homomorphic] },
+    Tile { name: "homomorphic, surface", source: "Eq. 12, polynomial per frame", methods: &[Method::HomomorphicSurface] },
+    Tile { name: "adaptive hist. + grey world", source: "one after the other", methods: &[Method::Ahe, Method::GreyWorld] },
+    Tile { name: "low-pass + grey world", source: "one after the other", methods: &[Method::Homomorphic, Method::GreyWorld] },
+    Tile { name: "surface + grey world", source: "one after the other", methods: &[Method::HomomorphicSurface, Method::GreyWorld] },
+    Tile { name: "frame average", source: "Eq. 14, mean of the log", methods: &[Method::FrameAverage] },
+    Tile { name: "range average", source: "mean of frames at this height", methods: &[Method::RangeAverage] },
+    Tile { name: "unwater", source: "Eq. 15, full correction", methods: &[Method::Full] },
 ];
 
 /// A frame, small, with its samples.
@@ -78,8 +78,8 @@ struct Looked {
 }
 
 /// All that methods are applied with.
-struct Kitchen<'k> {
-    bench: &'k Bench,
+struct Methods<'m> {
+    bench: &'m Bench,
     means: MeanFrames,
     rendering: RenderingFile,
     glow: Option<GlowTable>,
@@ -136,8 +136,8 @@ pub fn sheet(input: &Path, model: Option<ModelFile>, which: Which, options: &Opt
         Method::Full => bench.file.rendering.clone(),
         _ => bench.rendering(&bench.lit(&here.frame), Method::Full, bench.config.render.white_balance),
     };
-    let kitchen = Kitchen { bench: &bench, means, rendering, glow: bench.glow(Method::Full) };
-    kitchen.laid_out(&here, &pairs).png().map_err(|reason| Error::WriteRecord { path: input.into(), reason })
+    let methods = Methods { bench: &bench, means, rendering, glow: bench.glow(Method::Full) };
+    methods.laid_out(&here, &pairs).png().map_err(|reason| Error::WriteRecord { path: input.into(), reason })
 }
 
 /// The frames that see most points of this one, with those points' pixels in both.
@@ -161,23 +161,23 @@ fn overlapping<'l>(bench: &Bench, here: &Looked, others: &'l [Looked]) -> Vec<(&
     found
 }
 
-impl Kitchen<'_> {
-    /// A frame under a recipe.
-    fn cooked(&self, looked: &Looked, recipe: &Recipe) -> LinearImage {
-        if recipe.methods == [Method::Full] {
+impl Methods<'_> {
+    /// A frame by a tile's methods.
+    fn shown(&self, looked: &Looked, tile: &Tile) -> LinearImage {
+        if tile.methods == [Method::Full] {
             return reduced(&self.bench.corrected(&looked.frame, Method::Full, &self.rendering, self.glow.as_ref()), SIDE);
         }
         let altitude_m = self.bench.view(&looked.frame).camera_altitude_m();
         let mut image = looked.raw.clone();
-        recipe.methods.iter().for_each(|method| apply_baseline(*method, &mut image, &self.means, altitude_m));
+        tile.methods.iter().for_each(|method| apply_baseline(*method, &mut image, &self.means, altitude_m));
         image
     }
 
     fn laid_out(&self, here: &Looked, others: &[(&Looked, Pairs)]) -> Canvas {
-        let height = (here.raw.height * TILE).div_ceil(here.raw.width.max(1));
-        let tile = (TILE as i64 + GAP, WORDS + height as i64 + scatter::HEIGHT + GAP);
-        let rows = RECIPES.len().div_ceil(COLUMNS) as i64;
-        let mut canvas = Canvas::new((GAP + COLUMNS as i64 * tile.0) as usize, (HEAD + rows * tile.1 + GAP) as usize, PAPER);
+        let height = (here.raw.height * TILE_WIDTH).div_ceil(here.raw.width.max(1));
+        let pitch = (TILE_WIDTH as i64 + GAP, WORDS + height as i64 + scatter::HEIGHT + GAP);
+        let rows = TILES.len().div_ceil(COLUMNS) as i64;
+        let mut canvas = Canvas::new((GAP + COLUMNS as i64 * pitch.0) as usize, (HEAD + rows * pitch.1 + GAP) as usize, PAPER);
         let width = canvas.width - 2 * GAP as usize;
         let (title, facts) = self.words(here, others);
         canvas.text((GAP, GAP), 3, INK, &Canvas::cut(&title, 3, width));
@@ -188,19 +188,19 @@ impl Kitchen<'_> {
             self.bench.config.estimate.dark_below as f32,
             self.bench.config.estimate.clipped_above as f32,
         );
-        for (i, recipe) in RECIPES.iter().enumerate() {
-            let corner = (GAP + (i % COLUMNS) as i64 * tile.0, HEAD + (i / COLUMNS) as i64 * tile.1);
-            let image = self.cooked(here, recipe);
-            let is_raw = recipe.methods.is_empty();
+        for (i, tile) in TILES.iter().enumerate() {
+            let corner = (GAP + (i % COLUMNS) as i64 * pitch.0, HEAD + (i / COLUMNS) as i64 * pitch.1);
+            let image = self.shown(here, tile);
+            let is_raw = tile.methods.is_empty();
             let factor = if is_raw { exposure(std::iter::once(&image)) } else { 1.0 };
-            let source = if is_raw { format!("{}, x {factor:.1}", recipe.source) } else { recipe.source.into() };
-            canvas.text(corner, 2, INK, &Canvas::cut(recipe.name, 2, TILE));
-            canvas.text((corner.0, corner.1 + 24), 2, SOFT, &Canvas::cut(&source, 2, TILE));
-            let picture = scaled(&image, TILE);
+            let source = if is_raw { format!("{}, x {factor:.1}", tile.source) } else { tile.source.into() };
+            canvas.text(corner, 2, INK, &Canvas::cut(tile.name, 2, TILE_WIDTH));
+            canvas.text((corner.0, corner.1 + 24), 2, SOFT, &Canvas::cut(&source, 2, TILE_WIDTH));
+            let picture = scaled(&image, TILE_WIDTH);
             canvas.put((corner.0, corner.1 + WORDS), &codes(&picture, factor), picture.width, picture.bands);
             let agreement =
-                Agreement::of(&image, here.raw.width as f64 / here.frame.camera.width as f64, &usable, others, |other| self.cooked(other, recipe));
-            agreement.draw(&mut canvas, (corner.0, corner.1 + WORDS + height as i64 + 8), TILE as i64);
+                Agreement::of(&image, here.raw.width as f64 / here.frame.camera.width as f64, &usable, others, |other| self.shown(other, tile));
+            agreement.draw(&mut canvas, (corner.0, corner.1 + WORDS + height as i64 + 8), TILE_WIDTH as i64);
         }
         canvas
     }

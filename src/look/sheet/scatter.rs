@@ -61,14 +61,14 @@ fn pooled(image: &LinearImage, (u, v): (f64, f64)) -> Option<[f32; 3]> {
 }
 
 impl Agreement {
-    /// `scale` takes pixels of the picture to those of `here`; `cooked` makes the other frames' pictures.
-    pub fn of(here: &LinearImage, scale: f64, usable: &Usable<'_>, others: &[(&Looked, Pairs)], cooked: impl Fn(&Looked) -> LinearImage) -> Self {
+    /// `scale` takes pixels of the picture to those of `here`; `shown` makes the other frames' pictures.
+    pub fn of(here: &LinearImage, scale: f64, usable: &Usable<'_>, others: &[(&Looked, Pairs)], shown: impl Fn(&Looked) -> LinearImage) -> Self {
         let bands = here.bands;
         let mut points = Vec::new();
         // The centre of the first pixel is (0, 0) at every size.
         let small = |(u, v): (f64, f64)| ((u + 0.5) * scale - 0.5, (v + 0.5) * scale - 0.5);
         for ((other, pairs), raw_there) in others.iter().zip(&usable.others) {
-            let there = cooked(other);
+            let there = shown(other);
             for (a, b) in pairs {
                 let (a, b) = (small(*a), small(*b));
                 let measured = |raw: &LinearImage, at| {
