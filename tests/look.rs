@@ -8,7 +8,7 @@
 mod support;
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 use std::sync::OnceLock;
 
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -18,9 +18,9 @@ use unwater::config::OutputConfig;
 use unwater::look::dive::CorrectedLog;
 use unwater::look::mosaic::{Asked, Mosaic, mosaic};
 use unwater::pipeline::Options;
-use unwater::recording::{Entry, Recording, Schema, Window};
+use unwater::recording::{Entry, Output, Recording, Schema, Window};
 
-fn unwater(args: &[&str]) -> Output {
+fn unwater(args: &[&str]) -> std::process::Output {
     Command::new(env!("CARGO_BIN_EXE_unwater")).args(args).output().expect("the program runs")
 }
 
@@ -271,13 +271,9 @@ const M_PER_DEG: f64 = 111_195.0;
 /// The log with a fix at every frame, as JSON.
 fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed> {
     let log = Recording::open(source)?;
-    let mut out = unwater::recording::Output::create(target, &log.profile, &OutputConfig::default())?;
-    for (id, schema) in &log.schemas {
-        out.copy_schema(*id, schema)?;
-    }
-    for (id, channel) in &log.channels {
-        out.copy_channel(*id, channel)?;
-    }
+    let (mut out, mut file) = Output::create(target, &log.profile, &OutputConfig::default())?;
+    log.schemas.iter().for_each(|(id, schema)| out.copy_schema(*id, schema));
+    log.channels.iter().for_each(|(id, channel)| out.copy_channel(*id, channel));
     let number = r#"{"type":"number"}"#;
     let stamp = r#"{"type":"object","properties":{"sec":{"type":"integer"},"nanosec":{"type":"integer"}}}"#;
     let header = format!(r#"{{"type":"object","properties":{{"stamp":{stamp}}}}}"#);
@@ -289,7 +285,7 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
     )?;
     for entry in log.messages(Window::ALL) {
         if let Entry::Message(message) = entry {
-            out.copy(&message)?;
+            out.copy(&message);
         }
     }
     for frame in &truth.frames {
@@ -297,15 +293,17 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
         let (latitude, longitude) =
             (ORIGIN.0 + frame.position[1] / M_PER_DEG, ORIGIN.1 + frame.position[0] / M_PER_DEG / ORIGIN.0.to_radians().cos());
         let said = format!(r#"{{"header":{{"stamp":{{"sec":{sec},"nanosec":{nanosec}}}}},"latitude":{latitude:.12},"longitude":{longitude:.12}}}"#);
-        out.write(fix, frame.stamp_ns, frame.stamp_ns, said.as_bytes())?;
+        out.write(fix, frame.stamp_ns, frame.stamp_ns, said.as_bytes());
     }
-    for attachment in log.attachments() {
-        out.attach(&attachment.map_err(|d| Failed::from(d.reason))?)?;
+    out.flush();
+    while let Some(piece) = out.next_piece() {
+        file.put(piece.into_bytes())?;
     }
-    for record in &log.metadata {
-        out.metadata(record)?;
+    for attachment in log.attachments().flatten() {
+        file.copy_attachment(&log, &attachment)?;
     }
-    Ok(out.finish()?)
+    log.metadata.iter().try_for_each(|record| file.metadata(&record.name, &record.metadata))?;
+    Ok(file.finish(&out)?)
 }
 
 /// The GeoTIFF's tags lead from a known point's degrees to the pixel that shows it, as a GIS would take them.

@@ -3,7 +3,7 @@
 //! Everything stands in the log itself: the metadata records `unwater…`, the attachments beside them and the channels under
 //! `/unwater`. See docs/formats.md.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use crate::config::{Config, SETTINGS};
@@ -15,7 +15,7 @@ use crate::pipeline::bench::Bench;
 use crate::pipeline::scan::Scan;
 use crate::pipeline::survey::Selection;
 use crate::pipeline::{self, Options};
-use crate::recording::{Entry, Recording, Window};
+use crate::recording::{Block, Entry, Message, Recording, Window};
 use crate::report::Report;
 use crate::units::Stamp;
 use crate::vehicle::RigFile;
@@ -84,7 +84,8 @@ impl CorrectedLog {
         let mut texts: BTreeMap<String, String> = BTreeMap::new();
         for attachment in recording.attachments().flatten() {
             // A log that was corrected twice has two of a name; the later one is that of the last run.
-            texts.insert(attachment.name.clone(), String::from_utf8_lossy(&attachment.data).into_owned());
+            let data = recording.attachment_data(&attachment)?;
+            texts.insert(attachment.name, String::from_utf8_lossy(&data).into_owned());
         }
         let mut records: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
         for record in &recording.metadata {
@@ -129,8 +130,8 @@ impl CorrectedLog {
             }
         }
         let mut floors: Vec<Option<(u64, FloorFacts)>> = self.cameras.iter().map(|_| None).collect();
-        for entry in self.recording.messages(window) {
-            let Entry::Message(message) = entry else { continue };
+        let wanted: BTreeSet<u16> = sinks.keys().copied().collect();
+        for message in messages_of(&self.recording, &wanted, window) {
             let Some((index, is_frame, decoder)) = sinks.get(&message.channel) else { continue };
             let Ok(value) = decoder.read(message.data()) else { continue };
             if *is_frame {
@@ -173,6 +174,16 @@ impl CorrectedLog {
         }
         Bench::new(prepared, file, options.config, options.threads)
     }
+}
+
+/// Messages of some channels in the order of the file; blocks that hold none of them are not read.
+pub fn messages_of<'r>(recording: &'r Recording, channels: &'r BTreeSet<u16>, window: Window) -> impl Iterator<Item = Message> + 'r {
+    let may_hold = move |block: &&Block| block.may_hold(window) && block.channels().is_none_or(|c| c.iter().any(|id| channels.contains(id)));
+    let read = move |block: &Block| recording.read(block, window).map(|contents| contents.entries).unwrap_or_default();
+    recording.blocks().iter().filter(may_hold).flat_map(read).filter_map(move |entry| match entry {
+        Entry::Message(message) => channels.contains(&message.channel).then_some(message),
+        Entry::Damaged(_) => None,
+    })
 }
 
 /// The settings of a run, also of another version: keys that this one does not know are left out.

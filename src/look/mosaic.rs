@@ -97,11 +97,11 @@ pub fn mosaic(log: &CorrectedLog, asked: &Asked, options: &Options) -> Result<Mo
     let grid = Grid::around(&laid, &corrected.log.survey.rig);
     let strip = |bench: &Bench, light: fn(&BenchFrame) -> LinearImage| Strip::of(bench, &grid, &laid, light);
     let own = |frame: &BenchFrame| frame.image.clone().into_bands();
-    let raw = raw.as_ref().map(|bench| strip(bench, own)).filter(|s| s.covered() > 0);
+    let raw = raw.as_ref().map(|bench| strip(bench, own)).transpose()?.filter(|s| s.covered() > 0);
     if raw.is_none() {
         words.push("the raw pictures are not in this log: the corrected strip stands alone".into());
     }
-    Ok(Mosaic { source: camera.fact("source").into(), words, grid, raw, corrected: strip(&corrected, own), frames: laid, position })
+    Ok(Mosaic { source: camera.fact("source").into(), words, grid, raw, corrected: strip(&corrected, own)?, frames: laid, position })
 }
 
 impl Mosaic {
@@ -168,7 +168,7 @@ fn lay(bench: &Bench, frames: &[(u64, Stamp, SeafloorPlane)], places: &Places, w
         }
         None => {
             let times: Vec<u64> = frames.iter().map(|f| f.0).collect();
-            let poses = by_matches::poses(bench, &times);
+            let poses = by_matches::poses(bench, &times)?;
             words.push("places from points that neighbouring frames share, as the log tells no way over the ground".into());
             (poses, false)
         }

@@ -3,15 +3,16 @@
 //! Odometry comes first, as it is smooth; then the DVL's velocity turned by the attitude and added up; then fixes
 //! (latitude and longitude), which jump. Whether a world's z points up or down is told by the seafloor, which lies below.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
+use super::dive::messages_of;
 use crate::geometry::SeafloorPlane;
 use crate::messages::value::Value;
 use crate::messages::{Decoder, heading};
 use crate::pipeline::Prepared;
-use crate::recording::{Entry, Recording, Window};
+use crate::recording::{Channel, Recording, Window};
 use crate::spaces::Point;
 use crate::units::Stamp;
 
@@ -51,19 +52,19 @@ pub struct Places {
 impl Places {
     /// Walks the log once.
     pub fn read(recording: &Recording, window: Window) -> Self {
-        let mut decoders: BTreeMap<u16, Option<Decoder>> = BTreeMap::new();
+        let decoder = |channel: &Channel| {
+            let schema = recording.schemas.get(&channel.schema_id)?;
+            if !may_hold_places(&schema.data) || channel.topic.starts_with("/unwater") {
+                return None;
+            }
+            Decoder::by_path(&channel.message_encoding, &schema.name, &schema.encoding, &schema.data).ok()
+        };
+        let decoders: BTreeMap<u16, Decoder> = recording.channels.iter().filter_map(|(id, c)| Some((*id, decoder(c)?))).collect();
+        let wanted: BTreeSet<u16> = decoders.keys().copied().collect();
         let mut places = Self::default();
-        for entry in recording.messages(window) {
-            let Entry::Message(message) = entry else { continue };
-            let Some(channel) = recording.channels.get(&message.channel) else { continue };
-            let decoder = decoders.entry(message.channel).or_insert_with(|| {
-                let schema = recording.schemas.get(&channel.schema_id)?;
-                if !may_hold_places(&schema.data) || channel.topic.starts_with("/unwater") {
-                    return None;
-                }
-                Decoder::by_path(&channel.message_encoding, &schema.name, &schema.encoding, &schema.data).ok()
-            });
-            let Some(value) = decoder.as_ref().and_then(|d| d.read(message.data()).ok()) else { continue };
+        for message in messages_of(recording, &wanted, window) {
+            let (Some(channel), Some(decoder)) = (recording.channels.get(&message.channel), decoders.get(&message.channel)) else { continue };
+            let Ok(value) = decoder.read(message.data()) else { continue };
             let stamp = heading(&value).stamp.unwrap_or(message.logged());
             if let Some(fix) = fix(&value, stamp) {
                 places.fixes.entry(channel.topic.clone()).or_default().push(fix);

@@ -113,7 +113,7 @@ pub fn sheet(input: &Path, model: Option<ModelFile>, which: Which, options: &Opt
     let near: BTreeSet<usize> = (index.saturating_sub(reach)..=index + reach).collect();
     let mut looked: Vec<Looked> = Vec::new();
     let small = |frame: &BenchFrame| reduced(&frame.image.clone().into_bands(), SIDE);
-    bench.each(&near, |frame| Looked { samples: bench.samples(&frame, true), raw: small(&frame), frame }, |l| looked.push(l));
+    bench.each(&near, |frame| Looked { samples: bench.samples(&frame, true), raw: small(&frame), frame }, |l| looked.push(l))?;
     let Some(own) = looked.iter().position(|l| l.frame.index == index) else {
         let why = "cannot be decoded, or has no floor below it; `unwater inspect` says more, and another frame may do";
         return Err(Error::Picture(format!("frame {index} of {} {why}", input.display())));
@@ -131,7 +131,7 @@ pub fn sheet(input: &Path, model: Option<ModelFile>, which: Which, options: &Opt
             means.add(Method::FrameAverage, &image, altitude_m);
             means.add(Method::RangeAverage, &image, altitude_m);
         },
-    );
+    )?;
     let rendering = match bench.file.rendering.method {
         Method::Full => bench.file.rendering.clone(),
         _ => bench.rendering(&bench.lit(&here.frame), Method::Full, bench.config.render.white_balance),

@@ -3,9 +3,9 @@
 
 use std::collections::BTreeSet;
 
+use super::chosen_frames::for_frames;
 use super::model_of::strobe_of;
-use super::ordered_map::{Threads, ordered_map};
-use super::pass_one::camera_messages;
+use super::ordered_map::Threads;
 use super::{BEAM_REFINED, BEAM_ROUGHEST, Prepared, glow_table};
 use crate::config::{Config, Method, WhiteBalance};
 use crate::correct::{Correction, Frame, MeanFrames, rendering};
@@ -71,24 +71,15 @@ impl Bench {
 
     /// Does some work on each of the chosen frames, on all cores, and hands on what comes of it in the order of the frames.
     /// Frames that cannot be decoded or have no floor are left out.
-    pub fn each<R: Send>(&self, chosen: &BTreeSet<usize>, work: impl Fn(BenchFrame) -> R + Sync + Send, mut sink: impl FnMut(R)) {
-        let items = camera_messages(&self.log.recording, &self.log.survey, self.log.scan.window).filter(|(index, _)| chosen.contains(index));
-        let batch = 2 * self.threads.count();
-        let done = ordered_map(
-            items,
-            batch,
-            |_| 1,
-            &self.threads,
-            |(index, message)| self.frame(index, &message).map(&work),
-            |result| {
-                result.into_iter().for_each(&mut sink);
-                Ok::<(), std::convert::Infallible>(())
-            },
-        );
-        match done {
-            Ok(()) => {}
-            Err(never) => match never {},
-        }
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn each<R: Send>(&self, chosen: &BTreeSet<usize>, work: impl Fn(BenchFrame) -> R + Sync + Send, mut sink: impl FnMut(R)) -> Result<()> {
+        let work = |(index, message): (usize, Message)| self.frame(index, &message).map(&work);
+        for_frames(&self.log.recording, &self.log.survey.frames, chosen, &self.threads, work, |result| {
+            result.into_iter().for_each(&mut sink);
+            Ok(())
+        })
     }
 
     fn frame(&self, index: usize, message: &Message) -> Option<BenchFrame> {

@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
+use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, matches};
 use crate::pipeline::bench::Bench;
 
@@ -95,13 +96,16 @@ impl Rigid {
 }
 
 /// world_from_body of frames at these log times, by stretch; a frame that shows nothing known begins a new one.
-pub fn poses(bench: &Bench, times: &[u64]) -> Vec<Option<(u32, Isometry3<f64>)>> {
+///
+/// # Errors
+/// The file cannot be read.
+pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<Option<(u32, Isometry3<f64>)>>> {
     let wanted: BTreeSet<u64> = times.iter().copied().collect();
     let frames = &bench.log.survey.frames;
     let is_wanted = |logged: i64| u64::try_from(logged).is_ok_and(|t| wanted.contains(&t));
     let chosen: BTreeSet<usize> = frames.iter().enumerate().filter(|(_, f)| is_wanted(f.logged.0)).map(|(i, _)| i).collect();
     let mut found: Vec<Frame> = Vec::new();
-    bench.each(&chosen, |frame| levelled(bench, bench.samples(&frame, true), frame.log_time), |frame| found.push(frame));
+    bench.each(&chosen, |frame| levelled(bench, bench.samples(&frame, true), frame.log_time), |frame| found.push(frame))?;
     let matching = &bench.config.matching;
     let camera = &bench.log.survey.rig.camera;
     let reduction = camera.width.max(camera.height).div_ceil(matching.detection_side_px).max(1) as f64;
@@ -131,7 +135,7 @@ pub fn poses(bench: &Bench, times: &[u64]) -> Vec<Option<(u32, Isometry3<f64>)>>
         (*stretch, Isometry3::from_parts(shift, yaw * frame.level_from_body))
     };
     let by_time: Vec<(u64, (u32, Isometry3<f64>))> = found.iter().zip(&placed).map(|both| (both.0.log_time, pose(both))).collect();
-    times.iter().map(|time| by_time.iter().find(|(t, _)| t == time).map(|(_, pose)| *pose)).collect()
+    Ok(times.iter().map(|time| by_time.iter().find(|(t, _)| t == time).map(|(_, pose)| *pose)).collect())
 }
 
 fn matchable(frame: &Frame) -> Matchable<'_> {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Vector3;
 
 use super::Laid;
+use crate::error::Result;
 use crate::geometry::View;
 use crate::image::LinearImage;
 use crate::look::pictures::reduced;
@@ -87,7 +88,10 @@ struct Patch {
 
 impl Strip {
     /// Lays a camera's frames down in time order.
-    pub fn of(bench: &Bench, grid: &Grid, laid: &[Laid], light: fn(&BenchFrame) -> LinearImage) -> Self {
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn of(bench: &Bench, grid: &Grid, laid: &[Laid], light: fn(&BenchFrame) -> LinearImage) -> Result<Self> {
         let numbers: BTreeMap<u64, usize> = laid.iter().enumerate().map(|(i, l)| (l.log_time, i)).collect();
         let number_of = |logged: i64| u64::try_from(logged).ok().and_then(|t| numbers.get(&t)).copied();
         let chosen: BTreeSet<usize> =
@@ -101,8 +105,8 @@ impl Strip {
                 patch(bench, grid, laid.get(number)?, number as u32 + 1, &frame, light(&frame))
             },
             |patch| patch.into_iter().for_each(|p| strip.put(&p)),
-        );
-        strip
+        )?;
+        Ok(strip)
     }
 
     fn put(&mut self, patch: &Patch) {

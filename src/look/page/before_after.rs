@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::dive::{CameraLog, CorrectedLog};
+use super::super::dive::{CameraLog, CorrectedLog, messages_of};
 use super::super::pictures::{codes, codes_as_shown, exposure, jpeg_uri, reduced};
 use super::{Figure, SHOWN_SIDE, Seen};
 use crate::draw::escaped;
 use crate::image::LinearImage;
 use crate::image::decode::{Light, decode};
 use crate::messages::Kind;
-use crate::recording::{Entry, Window};
+use crate::recording::Window;
 
 /// Quality of a shown JPEG.
 const QUALITY: u8 = 84;
@@ -76,9 +76,9 @@ fn corrected_pictures(log: &CorrectedLog, camera: &CameraLog, shown: &BTreeSet<u
     let mut found = BTreeMap::new();
     let (Some(first), Some(last)) = (shown.first(), shown.last()) else { return found };
     let window = Window { start: *first, end: last.saturating_add(1) };
-    for entry in log.recording.messages(window) {
-        let Entry::Message(message) = entry else { continue };
-        if !shown.contains(&message.log_time) || log.recording.channels.get(&message.channel).is_none_or(|c| c.topic != topic) {
+    let wanted: BTreeSet<u16> = log.recording.channels.iter().filter(|(_, c)| c.topic == topic).map(|(id, _)| *id).collect();
+    for message in messages_of(&log.recording, &wanted, window) {
+        if !shown.contains(&message.log_time) {
             continue;
         }
         let Some(decoder) = log.scan.decoders.get(&message.channel) else { continue };

@@ -102,7 +102,10 @@ fn of_camera(log: &CorrectedLog, camera: &CameraLog, number: usize, places: &Pla
     let bench = log.bench(camera, Pictures::Raw, options).map_err(|e| why_no_bench(camera, &e.to_string()));
     let shown = shown_frames(camera, if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES });
     let (seen, bench) = match bench {
-        Ok(bench) => (look(&bench, camera, &shown), Ok(bench)),
+        Ok(bench) => match look(&bench, camera, &shown) {
+            Ok(seen) => (seen, Ok(bench)),
+            Err(e) => (Vec::new(), Err(e.to_string())),
+        },
         Err(why) => (Vec::new(), Err(why)),
     };
     let no_raw = bench.as_ref().err().cloned().unwrap_or_else(|| "no raw picture of a corrected frame is in this log".into());
@@ -135,7 +138,7 @@ fn shown_frames(camera: &CameraLog, most: usize) -> BTreeSet<u64> {
 }
 
 /// Decodes what the figures need, each frame once.
-fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Vec<Seen> {
+fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Result<Vec<Seen>> {
     let corrected: Vec<u64> = camera.corrected().map(|(_, f)| f.log_time).collect();
     let step = corrected.len().div_ceil(MEANS_OF_FRAMES).max(1);
     let wanted: BTreeSet<u64> = corrected.iter().copied().step_by(step).chain(shown.iter().copied()).collect();
@@ -159,6 +162,6 @@ fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Vec<Seen> {
             stages: (staged == Some(frame.log_time)).then(|| stages.of(bench, &frame)),
         },
         |frame| seen.push(frame),
-    );
-    seen
+    )?;
+    Ok(seen)
 }
