@@ -177,10 +177,10 @@ mod tests {
     #[test]
     fn the_numbers_are_what_they_say() {
         let points = |contrast: f64| {
-            let noise = |k: usize| ((k * 7919 % 1000) as f64 / 1000.0 - 0.5) * 0.2;
+            let random = |k: usize, seed: f64| ((k as f64 * seed).sin() * 43_758.545_3).fract();
             let point = |k: usize| {
-                let floor = (k * 104_729 % 1000) as f64 / 1000.0;
-                (contrast * (floor + noise(k)), contrast * (floor + noise(k + 371)) + 0.3, 0)
+                let floor = random(k, 3.711);
+                (contrast * (floor + 0.1 * random(k, 12.9898)), contrast * (floor + 0.1 * random(k, 78.233)) + 0.3, 0)
             };
             Agreement { points: (0..4000).map(point).collect(), bands: 1, why_none: "" }
         };
