@@ -28,6 +28,9 @@ struct Frame {
 /// A place, and the same place in another frame's metres.
 pub type Pair = ([f64; 2], [f64; 2]);
 
+/// Which stretch a frame belongs to, and world_from_body; `None` where nothing is known of it.
+pub type Stretched = Option<(u32, Isometry3<f64>)>;
+
 /// A turn and a shift in the plane.
 #[derive(Clone, Copy, Debug)]
 pub struct Rigid {
@@ -99,7 +102,7 @@ impl Rigid {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<Option<(u32, Isometry3<f64>)>>> {
+pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<Stretched>> {
     let wanted: BTreeSet<u64> = times.iter().copied().collect();
     let frames = &bench.log.survey.frames;
     let is_wanted = |logged: i64| u64::try_from(logged).is_ok_and(|t| wanted.contains(&t));
