@@ -3,6 +3,7 @@
 mod commands;
 mod init;
 mod layout;
+mod look;
 mod paint;
 mod papers;
 mod progress;
@@ -60,6 +61,19 @@ pub enum Command {
         after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .plan.camera\n  unwater inspect dive.mcap --clocks"
     )]
     Inspect(Inspect),
+    /// Write one self-contained page (HTML) about a corrected log: numbers, figures, before and after
+    #[command(after_help = "Examples:\n  unwater report dive.corrected.mcap\n  unwater report dive.corrected.mcap -o page.html --force")]
+    Report(ReportArgs),
+    /// Show one frame under every correction method, labelled, side by side (PNG)
+    #[command(
+        after_help = "Examples:\n  unwater compare dive.mcap --frame 12 -o sheet.png\n  unwater compare dive.mcap --model dive.model.json --at 2026-05-01T10:03:20Z -o sheet.png"
+    )]
+    Compare(CompareArgs),
+    /// Lay a stretch of frames over the seafloor: raw and corrected side by side (PNG), or georeferenced (GeoTIFF)
+    #[command(
+        after_help = "Examples:\n  unwater mosaic dive.corrected.mcap -o mosaic.png\n  unwater mosaic dive.corrected.mcap -S 2026-05-01T10:03:00Z -E 2026-05-01T10:03:40Z -o mosaic.png\n  unwater mosaic dive.corrected.mcap -o mosaic.tif"
+    )]
+    Mosaic(MosaicArgs),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in
     #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml -o by_rig.mcap")]
     Init(Init),
@@ -151,6 +165,83 @@ pub struct Init {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub shared: Shared,
+}
+
+/// `report`
+#[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// A log that `unwater correct` wrote
+    #[arg(value_name = "OUT.mcap")]
+    pub input: PathBuf,
+    /// Where the page goes [default: OUT.html beside OUT]
+    #[arg(short, long, value_name = "REPORT.html")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub run: LookOptions,
+}
+
+/// `compare`
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// The dive log
+    #[arg(value_name = "IN.mcap")]
+    pub input: PathBuf,
+    /// Where the sheet goes
+    #[arg(short, long, value_name = "SHEET.png")]
+    pub output: PathBuf,
+    /// Use a model estimated before
+    #[arg(long, value_name = "MODEL.json")]
+    pub model: Option<PathBuf>,
+    /// The frame nearest to this moment: nanoseconds or RFC 3339
+    #[arg(long, value_name = "TIME", value_parser = moment, required_unless_present = "frame", conflicts_with = "frame")]
+    pub at: Option<u64>,
+    /// The frame by its number, the first is 0
+    #[arg(long, value_name = "N")]
+    pub frame: Option<usize>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub shared: Shared,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub estimate: EstimateOptions,
+}
+
+/// `mosaic`
+#[derive(Debug, Args)]
+pub struct MosaicArgs {
+    /// A log that `unwater correct` wrote
+    #[arg(value_name = "OUT.mcap")]
+    pub input: PathBuf,
+    /// Where the mosaic goes: .png, or .tif for a GeoTIFF of the corrected strip
+    #[arg(short, long, value_name = "MOSAIC.png")]
+    pub output: PathBuf,
+    /// The camera's image topic, where several were corrected
+    #[arg(long, value_name = "TOPIC")]
+    pub camera: Option<String>,
+    /// Begin here (log time, inclusive): nanoseconds or RFC 3339
+    #[arg(short = 'S', long, value_name = "TIME", value_parser = moment)]
+    pub start: Option<u64>,
+    /// End here (log time, exclusive)
+    #[arg(short = 'E', long, value_name = "TIME", value_parser = moment)]
+    pub end: Option<u64>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub run: LookOptions,
+}
+
+/// Options of the commands that make pictures of a corrected log.
+#[derive(Debug, Args, Default)]
+pub struct LookOptions {
+    /// Cores to use; 0 means all. The output's bytes do not depend on it
+    #[arg(short = 'j', long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+    /// Overwrite the output
+    #[arg(long)]
+    pub force: bool,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
 /// `config`
@@ -282,6 +373,15 @@ fn moment(word: &str) -> std::result::Result<u64, String> {
     u64::try_from(since.as_nanos()).map_err(|_late| format!("{word:?} is too far off"))
 }
 
+/// The stretch that -S and -E leave.
+fn window(start: Option<u64>, end: Option<u64>) -> Result<Option<Window>> {
+    if (start, end) == (None, None) {
+        return Ok(None);
+    }
+    let window = Window { start: start.unwrap_or(0), end: end.unwrap_or(u64::MAX) };
+    if window.start >= window.end { Err(Error::Usage("-S must lie before -E".into())) } else { Ok(Some(window)) }
+}
+
 impl Shared {
     /// Said → meant.
     ///
@@ -326,16 +426,7 @@ impl Shared {
             config.output.only.clone_from(&render.only);
         }
         config.ensure_valid().map_err(Error::Usage)?;
-        let window = match (self.start, self.end) {
-            (None, None) => None,
-            (start, end) => {
-                let window = Window { start: start.unwrap_or(0), end: end.unwrap_or(u64::MAX) };
-                if window.start >= window.end {
-                    return Err(Error::Usage("-S must lie before -E".into()));
-                }
-                Some(window)
-            }
-        };
+        let window = window(self.start, self.end)?;
         let selection = Selection { camera: self.camera.clone(), dvl: self.dvl.clone(), strobe_frame: self.strobe_frame.clone() };
         Ok(Options { config, rig, selection, window, threads: self.threads, force: self.force })
     }

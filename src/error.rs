@@ -47,6 +47,8 @@ pub enum Error {
     )]
     NoMount { what: &'static str, frame: String, camera_frame: String, section: &'static str },
     #[error("{0}")]
+    Picture(String),
+    #[error("{0}")]
     Rig(String),
     #[error("{0}")]
     Usage(String),

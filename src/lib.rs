@@ -7,6 +7,8 @@ pub mod units;
 
 pub mod image;
 
+pub mod draw;
+
 pub mod config;
 
 pub mod vehicle;
@@ -23,5 +25,8 @@ pub mod layout;
 pub mod recording;
 pub mod report;
 
-pub mod cli;
 pub mod pipeline;
+
+pub mod look;
+
+pub mod cli;

@@ -9,6 +9,8 @@ use std::path::Path;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use support::render::{Dive, Sensor};
 use unwater::error::Error;
+use unwater::look::dive::CorrectedLog;
+use unwater::look::page::page;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{OutputWire, Writer};
 use unwater::pipeline::survey::Selection;
@@ -79,6 +81,24 @@ fn by_topic(path: &Path) -> BTreeMap<String, Vec<Message>> {
 
 fn same(a: &[Message], b: &[Message]) -> bool {
     a.len() == b.len() && !a.is_empty() && a.iter().zip(b).all(|(a, b)| a.data() == b.data() && a.log_time == b.log_time)
+}
+
+/// The report of such a log tells of both, with names of its own for all that has one.
+#[test]
+fn the_page_tells_of_both_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let (plain, path, out) = (folder.path().join("dive.mcap"), folder.path().join("two.mcap"), folder.path().join("out.mcap"));
+    Dive { frames: 12, width: 240, height: 180, focal_px: 280.0, sensor: Sensor::Rgb8, ..Dive::default() }.write(&plain);
+    add_turned_camera(&plain, &path, true);
+    correct_all(&path, &out, None, &Options::default(), &Silent).unwrap();
+    let html = page(&CorrectedLog::open(&out, &Options::default()).unwrap(), &Options::default()).unwrap();
+    assert!(html.contains("Camera /camera/image_raw") && html.contains("Camera /two/image_raw"));
+    let mut ids: Vec<&str> = html.split(" id=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+    let all = ids.len();
+    ids.sort_unstable();
+    ids.dedup();
+    assert!(all > 20 && ids.len() == all, "two things have one id: {ids:?}");
+    assert_eq!(html.matches("data-figure=\"stages\"").count(), 2);
 }
 
 #[test]

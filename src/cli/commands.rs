@@ -8,7 +8,7 @@ use serde_json::json;
 use super::paint::Paint;
 use super::progress::Bar;
 use super::summary;
-use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init, layout, papers};
+use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init, layout, look, papers};
 use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
@@ -29,6 +29,9 @@ pub fn run(cli: Cli) -> Result<Ended> {
         Command::Estimate(args) => estimate(&args),
         Command::Inspect(args) => inspect(&args),
         Command::Init(args) => init::run(&args),
+        Command::Report(args) => look::report(&args),
+        Command::Compare(args) => look::compare(&args),
+        Command::Mosaic(args) => look::mosaic(&args),
         Command::Config(args) => config(&args),
         Command::Layout(args) => layout::run(&args),
         Command::Completions(args) => papers::completions(&args),
@@ -51,13 +54,7 @@ pub(super) fn say(text: &str) {
 fn correct(args: &Correct) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
     let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "corrected.mcap"));
-    let model = match &args.model {
-        None => None,
-        Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
-            Some(ModelFile::from_json(&text).map_err(|reason| Error::BadFile { path: path.clone(), what: "not a model", reason })?)
-        }
-    };
+    let model = model_file(args.model.as_deref())?;
     let (given, begun) = (model.is_some(), std::time::Instant::now());
     let cameras = pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
     for (report, _) in cameras.iter().filter(|_| !args.shared.quiet) {
@@ -90,6 +87,13 @@ fn correct(args: &Correct) -> Result<Ended> {
         }
     }
     Ok(if cameras.iter().any(|(report, _)| report.has_losses()) { Ended::DoneWithLosses } else { Ended::Done })
+}
+
+/// The model of `--model`.
+pub(super) fn model_file(path: Option<&Path>) -> Result<Option<ModelFile>> {
+    let Some(path) = path else { return Ok(None) };
+    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.into(), source })?;
+    ModelFile::from_json(&text).map(Some).map_err(|reason| Error::BadFile { path: path.into(), what: "not a model", reason })
 }
 
 fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
@@ -134,11 +138,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
 
 /// Writes a small file under a temporary name first.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
-    let failed = |source| Error::Write { path: path.into(), source };
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let temporary = path.with_file_name(format!(".{name}.{}.part", std::process::id()));
-    std::fs::write(&temporary, text).map_err(failed)?;
-    std::fs::rename(&temporary, path).map_err(failed)
+    crate::look::write_whole(path, text.as_bytes())
 }
 
 fn config(args: &ConfigArgs) -> Result<Ended> {

@@ -15,7 +15,7 @@ pub mod mask;
 mod nodes;
 mod rendering;
 
-pub use baselines::MeanFrames;
+pub use baselines::{MeanFrames, apply as apply_baseline};
 pub use rendering::rendering;
 
 use crate::config::{Method, RenderConfig};

@@ -11,7 +11,9 @@ use super::tracks::{Observation, Track};
 use crate::config::{EstimateConfig, Spreading};
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{AttenuationOverTime, BeamPattern, EstimatorAnswer, Glow, ImagingModel, Nodes, SpreadingModel, TimeNode, log_geometry};
+use crate::model::{
+    AttenuationOverTime, BeamPattern, EstimatorAnswer, Glow, ImageAnswer, ImagingModel, Nodes, SpreadingModel, TimeNode, log_geometry,
+};
 use crate::units::Stamp;
 
 /// Samples and grid → an answer, or a sentence why there is none.
@@ -36,7 +38,7 @@ impl Candidate {
             observations,
             residual: Some(residual),
             details: details.iter().map(|(k, v)| (String::from(*k), *v)).collect(),
-            note: None,
+            ..EstimatorAnswer::default()
         };
         Self { model, std_per_m, answer, path_spread_m: None, low: None }
     }
@@ -195,7 +197,30 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
     let names = ["before_beam_pattern_red_per_m", "before_beam_pattern_green_per_m", "before_beam_pattern_blue_per_m"];
     details.extend(names.iter().zip(first.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
     let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
-    Ok(Candidate::new(model, answer.std_per_m, answer.pairs, answer.residual, &details))
+    let mut candidate = Candidate::new(model, answer.std_per_m, answer.pairs, answer.residual, &details);
+    candidate.answer.by_image = by_image(samples, &first, &answer);
+    Ok(candidate)
+}
+
+/// More images than this say no more in a figure.
+const MOST_IMAGES: usize = 300;
+
+/// What the images say before and after the beam pattern is known, spread evenly where there are many.
+fn by_image(samples: &Samples<'_>, first: &pairs::PairsAnswer, last: &pairs::PairsAnswer) -> Vec<ImageAnswer> {
+    let bands = samples.bands();
+    let rounded = |alpha: &Bands| alpha[..bands].iter().map(|a| (a * 1e6).round() / 1e6).collect();
+    let both = last.by_image.iter().filter_map(|image| {
+        let before = first.by_image.iter().find(|i| i.frame == image.frame)?;
+        Some(ImageAnswer {
+            stamp_ns: samples.frames.get(image.frame as usize)?.stamp.0,
+            before_beam_pattern_per_m: rounded(&before.attenuation_per_m),
+            attenuation_per_m: rounded(&image.attenuation_per_m),
+            weight_m2: (image.weight * 1e6).round() / 1e6,
+        })
+    });
+    let all: Vec<ImageAnswer> = both.collect();
+    let step = all.len().div_ceil(MOST_IMAGES).max(1);
+    all.into_iter().step_by(step).collect()
 }
 
 pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {

@@ -28,6 +28,23 @@ pub struct EstimatorAnswer {
     pub details: BTreeMap<String, f64>,
     /// why there is no answer, or what to know of it
     pub note: Option<String>,
+    /// what single images say (the paper's Fig. 8), a few hundred at most; of `pairs` alone
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_image: Vec<ImageAnswer>,
+}
+
+/// What the pairs of one image say.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ImageAnswer {
+    /// when it was taken [ns]
+    pub stamp_ns: i64,
+    /// α [1/m] per band while BP ≈ 1
+    pub before_beam_pattern_per_m: Vec<f64>,
+    /// α [1/m] per band with the beam pattern known
+    pub attenuation_per_m: Vec<f64>,
+    /// sum of squared differences of path length: its weight in the mean [m²]
+    pub weight_m2: f64,
 }
 
 /// The beam pattern's part.

@@ -22,8 +22,8 @@ pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
 pub use beam_pattern::{BeamPattern, Nodes};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use file::{
-    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile,
-    StrobeFile,
+    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, ImageAnswer, InputFile, LampFile, ModelFile, MountCheckFile,
+    RenderingFile, StrobeFile,
 };
 pub use light_setting::{LightLaw, LightSettingFile};
 

@@ -1,6 +1,7 @@
 //! The whole run on one screen: scan the log, survey it, estimate (pass one), correct (pass two).
 
 mod beam_picture;
+pub mod bench;
 mod chosen_frames;
 pub mod clock_offsets;
 pub mod memory;

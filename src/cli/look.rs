@@ -1,0 +1,69 @@
+//! The commands that make pictures for people: `report`, `compare`, `mosaic`.
+
+use super::commands::{beside, model_file, say};
+use super::progress::Bar;
+use super::{CompareArgs, Ended, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window};
+use crate::error::{Error, Result};
+use crate::look::dive::CorrectedLog;
+use crate::look::mosaic::{self, Asked};
+use crate::look::{page, sheet, write_whole};
+use crate::pipeline::Options;
+use crate::recording::ensure_distinct;
+
+impl LookOptions {
+    fn options(&self) -> Options {
+        Options { threads: self.threads, force: self.force, ..Options::default() }
+    }
+
+    fn written(&self, path: &std::path::Path) {
+        if !self.quiet {
+            say(&format!("written      {}\n", path.display()));
+        }
+    }
+}
+
+/// `unwater report`
+pub fn report(args: &ReportArgs) -> Result<Ended> {
+    let options = args.run.options();
+    let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "html"));
+    ensure_distinct(&args.input, &output, options.force)?;
+    let log = CorrectedLog::open(&args.input, &options)?;
+    write_whole(&output, page::page(&log, &options)?.as_bytes())?;
+    args.run.written(&output);
+    Ok(Ended::Done)
+}
+
+/// `unwater compare`
+pub fn compare(args: &CompareArgs) -> Result<Ended> {
+    let options = args.shared.options(&args.estimate, &RenderOptions::default())?;
+    ensure_distinct(&args.input, &args.output, options.force)?;
+    let which = match (args.frame, args.at) {
+        (Some(number), _) => sheet::Which::Number(number),
+        (None, time) => sheet::Which::At(time.unwrap_or_default()),
+    };
+    let model = model_file(args.model.as_deref())?;
+    let png = sheet::sheet(&args.input, model, which, &options, &Bar::new(args.shared.quiet))?;
+    write_whole(&args.output, &png)?;
+    if !args.shared.quiet {
+        say(&format!("written      {}\n", args.output.display()));
+    }
+    Ok(Ended::Done)
+}
+
+/// `unwater mosaic`
+pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
+    let options = Options { window: window(args.start, args.end)?, ..args.run.options() };
+    ensure_distinct(&args.input, &args.output, options.force)?;
+    let asked = Asked { camera: args.camera.clone(), is_georeferenced: mosaic::is_geotiff(&args.output) };
+    let laid = mosaic::mosaic(&CorrectedLog::open(&args.input, &options)?, &asked, &options)?;
+    let bytes = match laid.tiff() {
+        Some(tiff) => tiff,
+        None => laid.png().map_err(|reason| Error::WriteRecord { path: args.output.clone(), reason })?,
+    };
+    write_whole(&args.output, &bytes)?;
+    if !args.run.quiet {
+        laid.words.iter().for_each(|word| eprintln!("note: {word}"));
+    }
+    args.run.written(&args.output);
+    Ok(Ended::Done)
+}

@@ -1,0 +1,135 @@
+//! The mosaic as a poster: raw and corrected side by side, a metre to measure by, and under each how light runs across the
+//! track: what blending would have hidden (paper, Fig. 11).
+
+use super::{Mosaic, Strip};
+use crate::draw::{Canvas, ticks};
+use crate::look::pictures::{codes, codes_as_shown, exposure};
+
+const MARGIN: i64 = 28;
+const GAP: i64 = 40;
+const HEAD: i64 = 118;
+/// Height of a profile, and of all that stands under a strip [px].
+const PROFILE: i64 = 190;
+const FOOT: i64 = PROFILE + 154;
+/// Least width of a strip's place [px]: words must fit.
+const LEAST_WIDTH: i64 = 430;
+/// Profiles are means over this share of the width to each side.
+const SMOOTH: f64 = 0.01;
+/// A column with fewer pixels than this share of the height has no mean.
+const LEAST_SHARE: f64 = 0.05;
+
+const PAPER: [u8; 3] = [250, 250, 248];
+const INK: [u8; 3] = [28, 33, 38];
+const SOFT: [u8; 3] = [100, 110, 118];
+const EMPTY: [u8; 3] = [224, 227, 228];
+const BANDS: [[u8; 3]; 3] = [[192, 48, 40], [31, 128, 68], [42, 95, 192]];
+
+pub fn poster(mosaic: &Mosaic) -> Canvas {
+    let grid = &mosaic.grid;
+    let mut strips: Vec<(String, &Strip, Vec<u8>)> = Vec::new();
+    if let Some(raw) = &mosaic.raw {
+        let factor = exposure(std::iter::once(&raw.image));
+        strips.push((format!("raw, brightened x {factor:.1}"), raw, codes(&raw.image, factor)));
+    }
+    strips.push(("corrected".into(), &mosaic.corrected, codes_as_shown(&mosaic.corrected.image)));
+    let place = (grid.width as i64).max(LEAST_WIDTH);
+    let count = strips.len() as i64;
+    let width = 2 * MARGIN + count * place + (count - 1) * GAP;
+    let words: Vec<String> = std::iter::once(title(mosaic))
+        .chain(mosaic.words.iter().cloned())
+        .flat_map(|w| Canvas::wrapped(&w, 2, (width - 2 * MARGIN) as usize))
+        .collect();
+    let head = HEAD.max(MARGIN + 40 + 22 * words.len() as i64 + 46);
+    let mut canvas = Canvas::new(width as usize, (head + grid.height as i64 + FOOT) as usize, PAPER);
+    canvas.text((MARGIN, MARGIN), 3, INK, &Canvas::cut(&mosaic.source, 3, (width - 2 * MARGIN) as usize));
+    for (i, line) in words.iter().enumerate() {
+        canvas.text((MARGIN, MARGIN + 36 + 22 * i as i64), 2, SOFT, line);
+    }
+    for (i, (name, strip, pixels)) in strips.iter().enumerate() {
+        let left = MARGIN + i as i64 * (place + GAP) + (place - grid.width as i64) / 2;
+        canvas.text((left, head - 28), 2, INK, name);
+        let bands = strip.image.bands;
+        for (at, pixel) in pixels.chunks_exact(bands).enumerate() {
+            let color = if strip.from[at] == 0 { EMPTY } else { std::array::from_fn(|b| pixel[b.min(bands - 1)]) };
+            canvas.set(left + (at % grid.width) as i64, head + (at / grid.width) as i64, color);
+        }
+        profile(&mut canvas, mosaic, strip, (left, head + grid.height as i64 + 22));
+    }
+    metre(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 30));
+    canvas
+}
+
+fn title(mosaic: &Mosaic) -> String {
+    let size = (mosaic.grid.width as f64 * mosaic.grid.m_per_px, mosaic.grid.height as f64 * mosaic.grid.m_per_px);
+    format!(
+        "{} frames over {:.1} x {:.1} m, {:.1} mm a pixel, unblended: a later frame covers an earlier one",
+        mosaic.frames.len(),
+        size.0,
+        size.1,
+        1000.0 * mosaic.grid.m_per_px
+    )
+}
+
+/// Mean light of every column over the strip's own mean, per band; NaN where too few pixels lie.
+pub fn across(strip: &Strip) -> Vec<Vec<f64>> {
+    let (width, height, bands) = (strip.image.width, strip.image.height, strip.image.bands);
+    let counts: Vec<usize> = (0..width).map(|x| (0..height).filter(|y| strip.from[y * width + x] > 0).count()).collect();
+    let most = counts.iter().copied().max().unwrap_or(0);
+    let is_known = |x: usize| counts[x] as f64 >= (LEAST_SHARE * most as f64).max(1.0);
+    let of_band = |b: usize| {
+        // Black where no frame lies adds nothing.
+        let sums: Vec<f64> = (0..width).map(|x| (0..height).map(|y| f64::from(strip.image.pixels[(y * width + x) * bands + b])).sum()).collect();
+        let mean = sums.iter().sum::<f64>() / counts.iter().sum::<usize>().max(1) as f64;
+        let reach = ((width as f64 * SMOOTH) as usize).max(1);
+        let smooth = |x: usize| {
+            let around = x.saturating_sub(reach)..(x + reach + 1).min(width);
+            let (sum, count) = around.fold((0.0, 0), |(s, c), k| (s + sums[k], c + counts[k]));
+            if is_known(x) { sum / count.max(1) as f64 / mean.max(1e-12) } else { f64::NAN }
+        };
+        (0..width).map(smooth).collect()
+    };
+    (0..bands).map(of_band).collect()
+}
+
+/// Root mean square of a profile's way from 1, in per cent, over all bands.
+pub fn unevenness(profiles: &[Vec<f64>]) -> f64 {
+    let all: Vec<f64> = profiles.iter().flatten().copied().filter(|v| v.is_finite()).collect();
+    100.0 * (all.iter().map(|v| (v - 1.0).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt()
+}
+
+fn profile(canvas: &mut Canvas, mosaic: &Mosaic, strip: &Strip, (left, top): (i64, i64)) {
+    let (width, grid) = (mosaic.grid.width as i64, &mosaic.grid);
+    let profiles = across(strip);
+    canvas.fill((left, top), (width, PROFILE), [255; 3]);
+    let (from, to) = (0.0, 2.0);
+    let row = |v: f64| top + PROFILE - ((v - from) / (to - from) * PROFILE as f64) as i64;
+    for (value, word) in ticks(from, to, 4) {
+        canvas.fill((left, row(value)), (width, 1), if value == 1.0 { SOFT } else { EMPTY });
+        canvas.text((left - 8 - Canvas::text_width(&word, 1) as i64, row(value) - 4), 1, INK, &word);
+    }
+    let metres = grid.width as f64 * grid.m_per_px;
+    for (value, word) in ticks(0.0, metres, ((width / 130) as usize).max(2)) {
+        let x = left + (value / grid.m_per_px) as i64;
+        canvas.fill((x, top + PROFILE), (1, 6), SOFT);
+        canvas.text((x - Canvas::text_width(&word, 2) as i64 / 2, top + PROFILE + 10), 2, INK, &word);
+    }
+    for (b, values) in profiles.iter().enumerate() {
+        let color = if profiles.len() == 1 { INK } else { BANDS[b] };
+        for (x, pair) in values.windows(2).enumerate().filter(|(_, p)| p.iter().all(|v| v.is_finite())) {
+            let at = |k: usize, v: f64| ((left + (x + k) as i64) as f64, row(v.clamp(from, to)) as f64);
+            canvas.line(at(0, pair[0]), at(1, pair[1]), color);
+            let ((x0, y0), (x1, y1)) = (at(0, pair[0]), at(1, pair[1]));
+            canvas.line((x0, y0 + 1.0), (x1, y1 + 1.0), color);
+        }
+    }
+    canvas.text((left, top + PROFILE + 36), 2, SOFT, "across the track [m]; up: light over its mean");
+    canvas.text((left, top + PROFILE + 58), 2, INK, &format!("uneven by {:.1} % (rms)", unevenness(&profiles)));
+}
+
+/// A round length to measure by.
+fn metre(canvas: &mut Canvas, m_per_px: f64, (x, y): (i64, i64)) {
+    let length = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0].into_iter().rfind(|l| l / m_per_px < 320.0).unwrap_or(0.1);
+    let pixels = (length / m_per_px) as i64;
+    canvas.fill((x, y), (pixels, 5), INK);
+    canvas.text((x + pixels + 10, y - 6), 2, INK, &format!("{length} m"));
+}

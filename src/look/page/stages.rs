@@ -1,0 +1,84 @@
+//! The paper's Fig. 10: one frame raw, corrected for attenuation alone, for the beam pattern alone, and for both.
+//!
+//! All through the library's own correction. What takes no water away keeps its blue-green cast: raw and beam pattern alone
+//! get no white balance, the other two the balance of the whole log.
+
+use super::super::pictures::{codes, exposure, jpeg_uri, reduced};
+use super::Figure;
+use crate::config::{Method, WhiteBalance};
+use crate::draw::escaped;
+use crate::image::LinearImage;
+use crate::model::GlowTable;
+use crate::pipeline::bench::{Bench, BenchFrame};
+
+/// Longest side of a stage [px].
+const SIDE: usize = 560;
+const QUALITY: u8 = 84;
+
+/// What the stages of any frame need, made once.
+pub struct Stages {
+    attenuation: Option<GlowTable>,
+    full: Option<GlowTable>,
+}
+
+impl Stages {
+    pub fn new(bench: &Bench) -> Self {
+        Self { attenuation: bench.glow(Method::Attenuation), full: bench.glow(Method::Full) }
+    }
+
+    /// The four pictures as HTML.
+    pub fn of(&self, bench: &Bench, frame: &BenchFrame) -> Result<String, String> {
+        let lit = bench.lit(frame);
+        if lit.is_empty() {
+            return Err("no part of the frame is lit by the strobe as the model has it".into());
+        }
+        let raw = frame.image.clone().into_bands();
+        let balance = balance_of(&bench.file.rendering.gain);
+        let stage = |method, white_balance, glow: &Option<GlowTable>| {
+            let rendering = bench.rendering(&lit, method, white_balance);
+            bench.corrected(frame, method, &rendering, glow.as_ref())
+        };
+        let both = if bench.file.rendering.method == Method::Full {
+            bench.corrected(frame, Method::Full, &bench.file.rendering, self.full.as_ref())
+        } else {
+            stage(Method::Full, balance, &self.full)
+        };
+        let pictures = [
+            ("raw", raw),
+            ("attenuation alone", stage(Method::Attenuation, balance, &self.attenuation)),
+            ("beam pattern alone", stage(Method::BeamPattern, WhiteBalance::None, &None)),
+            ("attenuation and beam pattern", both),
+        ];
+        let mut html = String::from("<div class=\"four\">");
+        for (name, image) in &pictures {
+            let small = reduced(image, SIDE);
+            let is_both = *name == pictures[3].0;
+            // Both is as the log has it; the others are brought to where they can be looked at.
+            let factor = if is_both { 1.0 } else { exposure(std::iter::once(&small)) };
+            html += &tile(name, &small, factor)?;
+        }
+        Ok(html + "</div>")
+    }
+}
+
+/// The balance between bands that a log's exposure holds.
+fn balance_of(gain: &[f64]) -> WhiteBalance {
+    match gain {
+        [r, g, b] if [r, g, b].iter().all(|v| **v > 0.0) => {
+            let mean = (r * g * b).cbrt();
+            WhiteBalance::Factors([r / mean, g / mean, b / mean])
+        }
+        _ => WhiteBalance::None,
+    }
+}
+
+fn tile(name: &str, image: &LinearImage, factor: f32) -> Result<String, String> {
+    let uri = jpeg_uri(&codes(image, factor), image.width, image.height, image.bands, QUALITY)?;
+    let name = escaped(name);
+    Ok(format!("<div><img width=\"{}\" height=\"{}\" alt=\"{name}\" src=\"{uri}\"><p class=\"which\">{name}</p></div>", image.width, image.height))
+}
+
+pub fn figure(body: Result<String, String>) -> Figure {
+    let caption = "One frame, as in the paper's Fig. 10. Raw and beam pattern alone have no white balance and keep the water's cast; the other two have that of the whole log. Each is exposed for itself, but for the last, which is what stands in the log.";
+    Figure::of("stages", "Stages of correction (Fig. 10)", body, caption)
+}
