@@ -66,12 +66,12 @@ pub enum Command {
     Report(ReportArgs),
     /// Show one frame under every correction method, labelled, side by side (PNG)
     #[command(
-        after_help = "Examples:\n  unwater compare dive.mcap --frame 12 -o sheet.png\n  unwater compare dive.mcap --model dive.model.json --at 2026-05-01T10:03:20Z -o sheet.png"
+        after_help = "Examples:\n  unwater compare dive.mcap --frame 12 -o sheet.png\n  unwater compare dive.mcap --model dive.model.json --at 2025-10-09T08:53:25Z -o moment.png"
     )]
     Compare(CompareArgs),
     /// Lay a stretch of frames over the seafloor: raw and corrected side by side (PNG), or georeferenced (GeoTIFF)
     #[command(
-        after_help = "Examples:\n  unwater mosaic dive.corrected.mcap -o mosaic.png\n  unwater mosaic dive.corrected.mcap -S 2026-05-01T10:03:00Z -E 2026-05-01T10:03:40Z -o mosaic.png\n  unwater mosaic dive.corrected.mcap -o mosaic.tif"
+        after_help = "Examples:\n  unwater mosaic dive.corrected.mcap -o mosaic.png\n  unwater mosaic dive.corrected.mcap -S 2025-10-09T08:53:22Z -E 2025-10-09T08:53:30Z -o stretch.png\n\nWith -o MOSAIC.tif a GeoTIFF, where the log has a position."
     )]
     Mosaic(MosaicArgs),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in

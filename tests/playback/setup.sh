@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Installs what the playback check reads logs with, into target/playback: rerun's SDK and the libraries that Foxglove decodes with.
+# Installs what the playback check reads logs with, into target/playback: rerun's SDK and the libraries that Foxglove decodes with;
+# and what opens the report's pages: playwright-core, and Chromium itself where Debian's packages are at hand (the tests in a browser are reported as ignored without it).
 # Needs Python 3.11 or later and Node 20 or later. May be run again: what is there already is left as it is.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
@@ -16,4 +17,7 @@ if ! cmp -s "$here/package.json" .installed/package.json; then
   cp "$here/package.json" .
   npm install --no-audit --no-fund --no-package-lock --ignore-scripts --loglevel=error
   mkdir -p .installed && cp "$here/package.json" .installed/
+fi
+if [ ! -x /usr/bin/chromium ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+  { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium; } >/dev/null || echo "no Chromium" >&2
 fi
