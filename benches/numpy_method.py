@@ -7,6 +7,7 @@ drift, search for the strobe or error bars, which unwater does or tries as well.
 here runs outside of Python's lock). Space is the body's; lengths are metres, angles radians, light is a share of full scale.
 """
 import argparse
+import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -264,8 +265,10 @@ def main():
         alpha, beam, spread = solve(path_a, path_b, color_a, color_b)
         model = alpha, beam, exposure(alpha, beam, path_a, color_a), options.quality
         print(f"attenuation  {alpha[0]:.4f} / {alpha[1]:.4f} / {alpha[2]:.4f} per metre ({len(path_a)} pairs, residual {spread:.4f})")
+        wall, cpu = time.perf_counter(), time.process_time()
         v, u = np.mgrid[: facts.size[1], : facts.size[0]].astype(np.float32)
         write(pool, options, facts, model, rays(facts, *facts.size, u, v), ahead)
+        print(f"pass two     {time.perf_counter() - wall:.3f} s wall, {time.process_time() - cpu:.3f} s CPU")
 
 
 def write(pool, options, facts, model, all_rays, ahead):
