@@ -23,7 +23,7 @@ from mcap_ros2.decoder import DecoderFactory
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation, Slerp
 
-DETECTION_SIDE_PX, KEYPOINTS, RATIO, NEIGHBOURS, RANSAC_PX, LEAST_INLIERS = 800, 2000, 0.8, 4, 2.0, 12
+DETECTION_SIDE_PX, KEYPOINTS, RATIO, NEIGHBOURS, RANSAC_PX, LEAST_INLIERS = 800, 600, 0.8, 4, 2.0, 12
 FOOTPRINT_PX = 2.5  # of the reduced picture, in the farther of two views
 BLURS_PX = FOOTPRINT_PX * np.array([1.0, 1.4, 2.0, 2.8])
 DARK, CLIPPED = 0.002, 0.96
