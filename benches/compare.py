@@ -174,7 +174,7 @@ def set_up(bench):
     import simplejpeg
 
     options, threads = bench.options, bench.options.threads
-    few = max(options.frames // 4, 1)
+    few = max(options.frames // 4, 24)
     log = bench.log("jpeg", options.frames)
     bench.log("jpeg-long", 4 * options.frames)
     bench.log("bayer16", few, kind="bayer16")
