@@ -116,7 +116,7 @@ def light_path(facts, plane, r):
     camera = facts.camera[1]
     camera_leg = r.dtype.type(distance - plane[0] @ camera) / (r @ normal)
     way = camera_leg[..., None] * (r @ turn.astype(r.dtype)) + (turn.T @ (camera - strobe)).astype(r.dtype)
-    strobe_leg = np.sqrt(np.einsum("...i,...i", way, way))
+    strobe_leg = np.sqrt(way[..., 0] ** 2 + way[..., 1] ** 2 + way[..., 2] ** 2)
     cos_incidence = way @ (turn.T @ plane[0]).astype(r.dtype) / strobe_leg
     return strobe_leg, camera_leg, np.arctan2(way[..., 1], way[..., 2]), np.arctan2(way[..., 0], way[..., 2]), cos_incidence
 
@@ -156,21 +156,12 @@ def match(a, b):
     return i, best[i]
 
 
-def colors_of_one_patch(a, b):
-    """Log colours of matched points, each under the Gaussian that covers the same metres of floor."""
-    farther = np.maximum(a.path[:, 1], b.path[:, 1])
-
-    def at(seen):
-        level = np.interp(np.log(farther / seen.path[:, 1]), np.log(BLURS_PX / FOOTPRINT_PX), np.arange(len(BLURS_PX)))
-        lower = np.minimum(level.astype(int), len(BLURS_PX) - 2)
-        rows, share = np.arange(len(level)), (level - lower)[:, None]
-        return (1 - share) * seen.log_colors[rows, lower] + share * seen.log_colors[rows, lower + 1]
-
-    return at(a), at(b)
-
-
-def pick(seen, i):
-    return SimpleNamespace(path=seen.path[i], log_colors=seen.log_colors[i])
+def color_under(log_colors, wider):
+    """Log colours under a Gaussian `wider` than the footprint, between those of two blurs."""
+    level = np.interp(np.log(wider), np.log(BLURS_PX / FOOTPRINT_PX), np.arange(len(BLURS_PX)))
+    lower = np.minimum(level.astype(int), len(BLURS_PX) - 2)
+    rows, share = np.arange(len(level)), (level - lower)[:, None]
+    return (1 - share) * log_colors[rows, lower] + share * log_colors[rows, lower + 1]
 
 
 def pairs(pool, frames, ahead):
@@ -179,8 +170,9 @@ def pairs(pool, frames, ahead):
 
     def work(a, b):
         i, j = match(a, b)
-        a, b = pick(a, i), pick(b, j)
-        return a.path, b.path, *colors_of_one_patch(a, b)
+        path_a, path_b = a.path[i], b.path[j]
+        farther = np.maximum(path_a[:, 1], path_b[:, 1])  # the same metres of floor in both views
+        return path_a, path_b, color_under(a.log_colors[i], farther / path_a[:, 1]), color_under(b.log_colors[j], farther / path_b[:, 1])
 
     return [np.concatenate(part) for part in zip(*in_order(pool, work, both, ahead))]
 
@@ -284,8 +276,9 @@ def write(pool, options, facts, model, all_rays, ahead):
             writer.add_message(ids[topic], message.log_time, data, message.publish_time, message.sequence)
 
         def work(schema, channel, message, said):
-            is_picture = channel.topic == facts.picture_topic
-            return schema, channel, message, said, correct(facts, model, all_rays, said.data, seconds(said.header)) if is_picture else None
+            if channel.topic != facts.picture_topic:
+                return schema, channel, message, said, None
+            return schema, channel, message, said, correct(facts, model, all_rays, said.data, seconds(said.header))
 
         encode = None
         # Messages between two pictures count as well, hence so many.
