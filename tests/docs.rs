@@ -17,7 +17,7 @@ const NOT_RUN: [(&str, &str); 8] = [
     ("git clone", "needs the network"),
     ("cargo ", "builds or tests all anew; CI does that by itself"),
     ("pip install", "needs the network; CI installs the same versions for the playback tests"),
-    ("python ", "opens a window; the playback tests load the same script"),
+    ("python ", "opens a window, or measures for an hour; the playback tests load the layout's script"),
     ("rerun ", "opens a window"),
     ("man ", "opens a pager"),
     (".ci/run", "is what runs this"),

@@ -88,22 +88,24 @@ impl Demosaic {
 
 /// One row of colour from five of the mosaic, with margins.
 fn color_row<const RED_ROW: bool>(rows: [&[f32]; ROWS], red_column: usize, out: &mut [f32]) {
-    let around = |x: usize| rows.map(|r| [r[x], r[x + 1], r[x + 2], r[x + 3], r[x + 4]]);
-    let sums = |[n2, n1, mid, s1, s2]: [[f32; 5]; 5]| {
+    let [n2, n1, mid, s1, s2] = rows;
+    let sums = |x: usize| {
+        // Slices of five: checked once each.
+        let (n1, mid, s1) = (&n1[x..x + ROWS], &mid[x..x + ROWS], &s1[x..x + ROWS]);
         let (horizontal, vertical) = (mid[1] + mid[3], n1[2] + s1[2]);
-        let (far_h, far_v) = (mid[0] + mid[4], n2[2] + s2[2]);
+        let (far_h, far_v) = (mid[0] + mid[4], n2[x + 2] + s2[x + 2]);
         (mid[2], horizontal, vertical, far_h, far_v, n1[1] + n1[3] + s1[1] + s1[3])
     };
     // on red or blue: green from the cross, the opposite colour from the diagonal
     let on_color = |x: usize| {
-        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(around(x));
+        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(x);
         let g = (4.0 * c + 2.0 * (horizontal + vertical) - far_h - far_v) * 0.125;
         let opposite = (6.0 * c + 2.0 * diagonal - 1.5 * (far_h + far_v)) * 0.125;
         if RED_ROW { [c, g, opposite] } else { [opposite, g, c] }
     };
     // on green: the colour of this row, and the colour of this column
     let on_green = |x: usize| {
-        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(around(x));
+        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(x);
         let of_row = (5.0 * c + 4.0 * horizontal - diagonal - far_h + 0.5 * far_v) * 0.125;
         let of_column = (5.0 * c + 4.0 * vertical - diagonal - far_v + 0.5 * far_h) * 0.125;
         if RED_ROW { [of_row, c, of_column] } else { [of_column, c, of_row] }
