@@ -11,7 +11,7 @@
 //! `render.gain_error`, but at the roughest twentieth of the pattern, its noisy rim: two or three times that there. Where a corner is off the floor, or the gain changes much over a cell (towards the horizon), the
 //! formula is evaluated node by node, and pixel by pixel.
 
-use super::nodes::{Nodes, Walk};
+use super::nodes::{Nodes, Walk, between};
 use super::{Correction, FrameFacts, log_removed, log_removed_by_way, mask, removes_beam};
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::demosaic::Phase;
@@ -146,10 +146,9 @@ impl<'g> GainGrid<'g> {
         if counts_path {
             sums.path(&path);
         }
-        let (gain, is_capped) = self.gain(&path);
+        let (gain, is_capped, is_seen) = self.gain(&path);
         let light = self.scattered_at(u, v, &path);
-        let seen = path.all_angles().all(|a| self.correction.model.beam_pattern.is_seen(a));
-        self.set(node, gain, light, is_capped, seen, sums);
+        self.set(node, gain, light, is_capped, is_seen, sums);
     }
 
     fn set(&mut self, node: usize, gain: [f32; 3], scattered: [f32; 3], is_capped: bool, is_seen: bool, sums: &mut Sums) {
@@ -180,8 +179,9 @@ impl<'g> GainGrid<'g> {
                 let light = self.scattered_at(u, v, &path);
                 let node = smooth.at_mut(row, column);
                 (node[0], node[1]) = (path.angles.theta_rad as f32, path.angles.phi_rad as f32);
+                let by_way = log_removed_by_way(config.method, model, &path);
                 for b in 0..bands {
-                    node[2 + b] = log_removed_by_way(config.method, model, &path, b) as f32;
+                    node[2 + b] = by_way[b] as f32;
                     node[2 + bands + b] = light[b];
                 }
             }
@@ -230,8 +230,10 @@ impl<'g> GainGrid<'g> {
             *bits |= if corners.iter().all(|c| *c == corners[0]) {
                 corners[0]
             } else {
-                let seen = |path: &LightPath| path.all_angles().all(|a| self.correction.model.beam_pattern.is_seen(a));
-                let own = |path: LightPath| self.bits_of(self.gain(&path).1, seen(&path));
+                let own = |path: LightPath| {
+                    let (_, is_capped, is_seen) = self.gain(&path);
+                    self.bits_of(is_capped, is_seen)
+                };
                 self.view.light_path(x as f64, y as f64).map_or(mask::OFF_SURFACE, own)
             };
         }
@@ -242,10 +244,11 @@ impl<'g> GainGrid<'g> {
         self.facts
     }
 
-    /// Gain of one way of light per band, and whether the cap holds it.
-    fn gain(&self, path: &LightPath) -> ([f32; 3], bool) {
-        let Correction { config, model, .. } = *self.correction;
-        self.held(std::array::from_fn(|b| if b < self.bands { (-log_removed(config.method, model, path, b)).exp() as f32 } else { 0.0 }))
+    /// Gain of one way of light per band, whether the cap holds it, and whether its directions in the beam were seen.
+    fn gain(&self, path: &LightPath) -> ([f32; 3], bool, bool) {
+        let (removed, is_seen) = log_removed(self.correction.config.method, self.correction.model, path);
+        let (gain, is_capped) = self.held(std::array::from_fn(|b| if b < self.bands { (-removed[b] as f32).exp() } else { 0.0 }));
+        (gain, is_capped, is_seen)
     }
 
     /// What is to be multiplied by, held at the cap and rendered. All bands give way together: hue stays.
@@ -262,6 +265,14 @@ impl<'g> GainGrid<'g> {
         self.view.camera.image_plane(u, v).map(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))
     }
 
+    /// Pixels of a row whose gain is not interpolated.
+    fn uneven_pixels(&self, y: usize) -> impl Iterator<Item = usize> {
+        let Nodes { step, columns, rows, .. } = self.gains;
+        let cells = &self.uneven[(y / step).min(rows - 1) * columns..][..columns];
+        let columns = cells.iter().enumerate().filter(|(_, uneven)| **uneven);
+        columns.flat_map(move |(column, _)| column * step..((column + 1) * step).min(self.width))
+    }
+
     /// To walk down the rows of a picture with.
     pub fn rows(&'g self, mosaic: Option<Phase>) -> GainRows<'g> {
         let stored = if mosaic.is_some() { 1 } else { self.bands };
@@ -269,57 +280,60 @@ impl<'g> GainGrid<'g> {
         GainRows {
             grid: self,
             mosaic,
+            y: 0,
+            stored,
             gains: walk(&self.gains),
             scattered: self.scattered.as_ref().map(walk),
-            gain: vec![0.0; self.width * stored],
             veil: vec![0.0; if self.scattered.is_some() { self.width * stored } else { 0 }],
         }
     }
+}
+
+/// Which band the value of a pixel is: of a mosaic, its own.
+fn band(mosaic: Option<Phase>, x: usize, y: usize, stored: usize) -> usize {
+    mosaic.map_or(stored, |phase| phase.band(x, y))
 }
 
 /// Gains of one row of pixels after another; of a mosaic, each pixel's is that of its own band.
 pub struct GainRows<'g> {
     grid: &'g GainGrid<'g>,
     mosaic: Option<Phase>,
+    /// the row gone to
+    y: usize,
+    /// values per pixel as it is stored
+    stored: usize,
     gains: Walk<'g>,
     scattered: Option<Walk<'g>>,
-    gain: Vec<f32>,
     veil: Vec<f32>,
 }
 
 impl GainRows<'_> {
     /// Goes to row `y`.
     pub fn go_to(&mut self, y: usize) {
-        let grid = self.grid;
-        self.gains.row(y, &mut self.gain);
-        if let Some(walk) = &mut self.scattered {
-            walk.row(y, &mut self.veil);
-        }
-        let (step, columns) = (grid.gains.step, grid.gains.columns);
-        let stored = if self.mosaic.is_some() { 1 } else { grid.bands };
-        let cells = &grid.uneven[(y / step).min(grid.gains.rows - 1) * columns..][..columns];
-        for (column, _) in cells.iter().enumerate().filter(|(_, uneven)| **uneven) {
-            for x in column * step..((column + 1) * step).min(grid.width) {
-                let (u, v) = (x as f64, y as f64);
-                let of_path = |path| (grid.gain(&path).0, grid.scattered_at(u, v, &path));
-                let (gain, scattered) = grid.view.light_path(u, v).map_or(([0.0; 3], [0.0; 3]), of_path);
-                for b in 0..stored {
-                    let band = self.mosaic.map_or(b, |phase| phase.band(x, y));
-                    self.gain[x * stored + b] = gain[band];
-                    if let Some(veil) = self.veil.get_mut(x * stored + b) {
-                        *veil = scattered[band];
-                    }
-                }
-            }
+        self.y = y;
+        let Some(walk) = &mut self.scattered else { return };
+        walk.row(y, &mut self.veil);
+        for x in self.grid.uneven_pixels(y) {
+            let (u, v) = (x as f64, y as f64);
+            let light = self.grid.view.light_path(u, v).map_or([0.0; 3], |path| self.grid.scattered_at(u, v, &path));
+            self.veil[x * self.stored..][..self.stored].iter_mut().enumerate().for_each(|(b, veil)| *veil = light[band(self.mosaic, x, y, b)]);
         }
     }
 
     /// Takes off what was scattered back and multiplies by the gains of the row gone to.
-    pub fn multiply(&self, light: &mut [f32]) {
+    pub fn multiply(&mut self, light: &mut [f32]) {
+        let (grid, stored, y) = (self.grid, self.stored, self.y);
         if !self.veil.is_empty() {
             light.iter_mut().zip(&self.veil).for_each(|(v, veil)| *v -= veil);
         }
-        light.iter_mut().zip(&self.gain).for_each(|(v, gain)| *v *= gain);
+        let exactly = |x: usize| {
+            let gain = grid.view.light_path(x as f64, y as f64).map_or([0.0; 3], |path| grid.gain(&path).0);
+            (x, std::array::from_fn::<f32, 3, _>(|b| if b < stored { light[x * stored + b] * gain[band(self.mosaic, x, y, b)] } else { 0.0 }))
+        };
+        let exact: Vec<(usize, [f32; 3])> = grid.uneven_pixels(y).map(exactly).collect();
+        let (above, below, share) = self.gains.around(y);
+        light.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v *= between(*a, *b, share));
+        exact.into_iter().for_each(|(x, pixel)| light[x * stored..][..stored].copy_from_slice(&pixel[..stored]));
     }
 
     /// Of one row in so many, looks at one pixel in so many: how many show the floor with less light than
@@ -331,7 +345,7 @@ impl GainRows<'_> {
         if y != row * EVERY + row % 2 {
             return (0, 0);
         }
-        let (grid, stored) = (self.grid, raw.len() / self.grid.width);
+        let (grid, stored) = (self.grid, self.stored);
         let (step, columns, rows) = (grid.gains.step, grid.gains.columns, grid.gains.rows);
         let (mut low, mut looked) = (0, 0);
         for x in (0..grid.width / EVERY).map(|column| column * EVERY + column % 2) {

@@ -44,6 +44,11 @@ impl Nodes {
     }
 }
 
+/// Linear between two values.
+pub fn between(a: f32, b: f32, share: f32) -> f32 {
+    a + (b - a) * share
+}
+
 /// Walks down a picture and gives each row its values.
 pub struct Walk<'n> {
     nodes: &'n Nodes,
@@ -66,6 +71,12 @@ impl<'n> Walk<'n> {
 
     /// Values of row `y`, which must not lie above the row asked for before.
     pub fn row(&mut self, y: usize, out: &mut [f32]) {
+        let (above, below, share) = self.around(y);
+        out.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v = between(*a, *b, share));
+    }
+
+    /// The rows of nodes above and below row `y`, spread over its pixels, and how far it lies from the one to the other.
+    pub fn around(&mut self, y: usize) -> (&[f32], &[f32], f32) {
         let top = (y / self.nodes.step).min(self.nodes.rows.saturating_sub(2));
         if self.top != Some(top) {
             let follows = top > 0 && self.top == Some(top - 1);
@@ -81,9 +92,7 @@ impl<'n> Walk<'n> {
         }
         let share = (y - top * self.nodes.step) as f32 / self.nodes.step as f32;
         let parity = if self.mosaic.is_some() { y % 2 } else { 0 };
-        for ((v, a), b) in out.iter_mut().zip(&self.above[parity]).zip(&self.below[parity]) {
-            *v = a + (b - a) * share;
-        }
+        (&self.above[parity], &self.below[parity], share)
     }
 
     /// Bands of even and odd pixels of a mosaic's row.
@@ -102,7 +111,7 @@ fn spread(nodes: &Nodes, row: usize, turns: Option<[usize; 2]>, width: usize, ou
             let share = k as f32 / step as f32;
             for (b, v) in pixel.iter_mut().enumerate() {
                 let band = turns.map_or(b, |turns| turns[(column * step + k) % 2]);
-                *v = left[band] + (right[band] - left[band]) * share;
+                *v = between(left[band], right[band], share);
             }
         }
     }

@@ -5,6 +5,7 @@
 use super::log_removed;
 use crate::config::{RenderConfig, WhiteBalance};
 use crate::geometry::LightPath;
+use crate::image::Bands;
 use crate::model::{ImagingModel, RenderingFile};
 
 /// Samples that need more than this factor over the median correction do not vote: far water beside an oblique
@@ -14,13 +15,14 @@ const FAR_FACTOR: f64 = 3.0;
 /// Chooses exposure and white balance from samples (log colour and way of light).
 pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_level: Option<u16>, config: &RenderConfig) -> RenderingFile {
     let bands = model.bands;
-    let removed = |path: &LightPath, band: usize| log_removed(config.method, model, path, band);
-    let medians: Vec<f64> = (0..bands).map(|b| quantile(samples.iter().map(|(_, path)| -removed(path, b)), 0.5)).collect();
-    let is_near = |path: &LightPath| (0..bands).all(|b| -removed(path, b) <= medians[b] + FAR_FACTOR.ln());
-    let corrected: Vec<[f64; 3]> = samples
+    let removed: Vec<Bands> = samples.iter().map(|(_, path)| log_removed(config.method, model, path).0).collect();
+    let medians: Vec<f64> = (0..bands).map(|b| quantile(removed.iter().map(|r| -r[b]), 0.5)).collect();
+    let is_near = |r: &Bands| (0..bands).all(|b| -r[b] <= medians[b] + FAR_FACTOR.ln());
+    let corrected: Vec<Bands> = samples
         .iter()
-        .filter(|(_, path)| is_near(path))
-        .map(|(color, path)| std::array::from_fn(|b| if b < bands { f64::from(color[b]) - removed(path, b) } else { f64::NAN }))
+        .zip(&removed)
+        .filter(|(_, r)| is_near(r))
+        .map(|((color, _), r)| std::array::from_fn(|b| if b < bands { f64::from(color[b]) - r[b] } else { f64::NAN }))
         .collect();
     let balance: Vec<f64> = match config.white_balance {
         WhiteBalance::None => vec![1.0; bands],

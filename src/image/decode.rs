@@ -162,6 +162,18 @@ impl Codes<'_> {
         SensorImage { light: image, mosaic: self.mosaic }
     }
 
+    /// Whether light of row `y` may reach a level. Of 8 bits the brightest code tells, many at a time.
+    pub fn may_reach(&self, y: usize, level: f32) -> bool {
+        match &self.law {
+            Law::Table(table) => {
+                let row = &self.data[y * self.step..][..self.width * self.samples.channels];
+                let brightest = row.iter().fold(0, |most, code| most.max(*code));
+                table[..=usize::from(brightest)].iter().any(|light| *light >= level)
+            }
+            Law::Wide { .. } => true,
+        }
+    }
+
     /// Light of a row, `width × stored_bands` values.
     pub fn light_row(&self, y: usize, out: &mut [f32]) {
         let Samples { channels, bytes, swapped, .. } = self.samples;
@@ -170,7 +182,11 @@ impl Codes<'_> {
         let place = |band: usize| if swapped { bands - 1 - band } else { band };
         match &self.law {
             Law::Table(table) if channels == bands && !swapped => {
-                out.iter_mut().zip(row).for_each(|(v, code)| *v = table[usize::from(*code)]);
+                let (blocks, rest) = row.as_chunks::<8>();
+                let (out, last) = out.as_chunks_mut::<8>();
+                let look_up = |out: &mut [f32], row: &[u8]| out.iter_mut().zip(row).for_each(|(v, code)| *v = table[usize::from(*code)]);
+                out.iter_mut().zip(blocks).for_each(|(out, block)| look_up(out, block));
+                look_up(last, rest);
             }
             Law::Table(table) => {
                 for (pixel, codes) in out.chunks_exact_mut(bands).zip(row.chunks_exact(channels)) {

@@ -140,10 +140,15 @@ impl SrgbTable {
     /// The codes of a row.
     pub fn codes(&self, light: &[f32], out: &mut Vec<u8>) {
         // Places many at a time, which vectorises; then the look-ups, which cannot.
-        let mut places = [0u32; 256];
-        for light in light.chunks(places.len()) {
+        const MANY: usize = 256;
+        let table = &*self.0;
+        let (mut places, mut codes) = ([0u32; MANY], [0u8; MANY]);
+        for light in light.chunks(MANY) {
             places.iter_mut().zip(light).for_each(|(place, v)| *place = Self::place(*v));
-            out.extend(places[..light.len()].iter().map(|place| self.0[*place as usize & (Self::STEPS - 1)]));
+            for (codes, places) in codes.chunks_exact_mut(8).zip(places.chunks_exact(8)).take(light.len().div_ceil(8)) {
+                codes.iter_mut().zip(places).for_each(|(code, place)| *code = table[*place as usize & (Self::STEPS - 1)]);
+            }
+            out.extend_from_slice(&codes[..light.len()]);
         }
     }
 }
