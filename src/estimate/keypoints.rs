@@ -85,13 +85,15 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
         let full = |c: f32| (f64::from(c) * halvings + 0.5) * reduction as f64 - 0.5 + shift;
         (full(e.u), full(e.v), e)
     };
+    let kept = spread(found.into_iter().map(keypoint).collect(), image, config.keypoints_per_frame);
     // What a keypoint looks like is costly, and told of those that are kept only.
-    let described = |(u, v, e): (f64, f64, Extremum)| {
-        let level = &octaves[e.octave][e.level];
-        let angle = orientation(level, e.u, e.v, e.sigma);
-        Keypoint { u, v, response: e.response, descriptor: descriptor(level, e.u, e.v, e.sigma, angle) }
+    let mut gradients: Vec<Vec<Option<Gradients>>> = octaves.iter().map(|levels| levels.iter().map(|_| None).collect()).collect();
+    let mut described = |(u, v, e): (f64, f64, Extremum)| {
+        let level = gradients[e.octave][e.level].get_or_insert_with(|| Gradients::of(&octaves[e.octave][e.level]));
+        let angle = level.orientation(e.u, e.v, e.sigma);
+        Keypoint { u, v, response: e.response, descriptor: level.descriptor(e.u, e.v, e.sigma, angle) }
     };
-    spread(found.into_iter().map(keypoint).collect(), image, config.keypoints_per_frame).into_iter().map(described).collect()
+    kept.into_iter().map(&mut described).collect()
 }
 
 /// Mean of the bands, reduced by an integer factor, in logarithm.
@@ -177,10 +179,14 @@ fn extrema(differences: &[Plane], octave: usize, threshold: f32, found: &mut Vec
 }
 
 fn is_extreme(three: &[Plane], x: usize, y: usize, value: f32) -> bool {
-    let mut others = three.iter().enumerate().flat_map(|(k, plane)| {
-        (y - 1..=y + 1).flat_map(move |j| (x - 1..=x + 1).filter(move |i| !(k == 1 && j == y && *i == x)).map(move |i| plane.at(i, j)))
-    });
-    if value > 0.0 { others.all(|o| value > o) } else { others.all(|o| value < o) }
+    // Its own plane first, as that has the nearest neighbours; there the place itself is none.
+    let beats = |o: f32| if value > 0.0 { value > o } else { value < o };
+    let row = |plane: &Plane, y: usize| -> [f32; 3] { std::array::from_fn(|i| plane.data[y * plane.width + x - 1 + i]) };
+    let [l, _, r] = row(&three[1], y);
+    beats(l)
+        && beats(r)
+        && [y - 1, y + 1].iter().all(|j| row(&three[1], *j).into_iter().all(beats))
+        && [0, 2].iter().all(|k| (y - 1..=y + 1).all(|j| row(&three[*k], j).into_iter().all(beats)))
 }
 
 /// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it runs away or lies on an edge.
@@ -208,15 +214,6 @@ fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, 
     None
 }
 
-fn gradient(level: &Plane, x: isize, y: isize) -> Option<(f32, f32)> {
-    let (w, h) = (level.width as isize, level.height as isize);
-    if x < 1 || y < 1 || x >= w - 1 || y >= h - 1 {
-        return None;
-    }
-    let at = |x: isize, y: isize| level.data[(y * w + x) as usize];
-    Some((at(x + 1, y) - at(x - 1, y), at(x, y + 1) - at(x, y - 1)))
-}
-
 /// Direction of a gradient in turns, 0 to 1, within 0.0001: histograms are coarser.
 fn turns(y: f32, x: f32) -> f32 {
     let (ax, ay) = (x.abs(), y.abs());
@@ -229,72 +226,104 @@ fn turns(y: f32, x: f32) -> f32 {
     if y < 0.0 { 1.0 - half } else { half }
 }
 
-/// The strongest direction of the gradients around a point [rad].
-fn orientation(level: &Plane, u: f32, v: f32, sigma: f32) -> f32 {
-    const BINS: usize = 36;
-    let mut histogram = [0f32; BINS];
-    let radius = (4.5 * sigma).round() as isize;
-    let (cx, cy) = (u.round() as isize, v.round() as isize);
-    for dy in -radius..=radius {
-        for dx in -radius..=radius {
-            if let Some((gx, gy)) = gradient(level, cx + dx, cy + dy) {
-                let weight = (-((dx * dx + dy * dy) as f32) / (2.0 * (1.5 * sigma).powi(2))).exp();
-                let bin = (turns(gy, gx) * BINS as f32 + 0.5) as usize % BINS;
-                histogram[bin] += weight * (gx * gx + gy * gy).sqrt();
-            }
-        }
-    }
-    for _ in 0..2 {
-        let before = histogram;
-        for (i, value) in histogram.iter_mut().enumerate() {
-            *value = 0.25 * before[(i + BINS - 1) % BINS] + 0.5 * before[i] + 0.25 * before[(i + 1) % BINS];
-        }
-    }
-    let peak = (0..BINS).max_by(|a, b| histogram[*a].total_cmp(&histogram[*b])).unwrap_or(0);
-    let (l, c, r) = (histogram[(peak + BINS - 1) % BINS], histogram[peak], histogram[(peak + 1) % BINS]);
-    let curvature = l - 2.0 * c + r;
-    let offset = if curvature.abs() > 1e-12 { 0.5 * (l - r) / curvature } else { 0.0 };
-    (peak as f32 + offset) / BINS as f32 * std::f32::consts::TAU
+/// Strength of the gradient and its direction [turns] of every pixel; none at the edges.
+struct Gradients {
+    width: usize,
+    height: usize,
+    data: Vec<(f32, f32)>,
 }
 
-fn descriptor(level: &Plane, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
-    let mut padded = [[0f32; 8]; 49];
-    let (sin, cos) = angle.sin_cos();
-    let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);
-    let cell = 3.0 * sigma;
-    let radius = (cell * std::f32::consts::SQRT_2 * 2.5).round() as isize;
-    let (cx, cy) = (u.round() as isize, v.round() as isize);
-    for dy in -radius..=radius {
-        for dx in -radius..=radius {
-            let (px, py) = ((cx + dx) as f32 - u, (cy + dy) as f32 - v);
-            let (rx, ry) = ((cos * px + sin * py) / cell, (cos * py - sin * px) / cell);
-            let (bx, by) = (rx + 1.5, ry + 1.5);
-            if bx <= -1.0 || by <= -1.0 || bx >= 4.0 || by >= 4.0 {
-                continue;
+impl Gradients {
+    fn of(level: &Plane) -> Self {
+        let (width, height) = (level.width, level.height);
+        let mut data = vec![(0.0, 0.0); width * height];
+        for y in 1..height - 1 {
+            let row = |y: usize| &level.data[y * width..][..width];
+            let (above, here, below) = (row(y - 1), row(y), row(y + 1));
+            for (x, out) in data[y * width..][..width].iter_mut().enumerate().take(width - 1).skip(1) {
+                let (gx, gy) = (here[x + 1] - here[x - 1], below[x] - above[x]);
+                *out = ((gx * gx + gy * gy).sqrt(), turns(gy, gx));
             }
-            let Some((gx, gy)) = gradient(level, cx + dx, cy + dy) else { continue };
-            let weight = (gx * gx + gy * gy).sqrt() * (-(rx * rx + ry * ry) / 8.0).exp();
-            let direction = turns(gy, gx) - zero;
-            let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
-            // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
-            let (ix, iy, id) = ((bx + 1.0) as usize, (by + 1.0) as usize, direction as usize);
-            let (fx, fy, fd) = (bx + 1.0 - ix as f32, by + 1.0 - iy as f32, direction - id as f32);
-            for (row, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
-                for (column, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
-                    let cell = &mut padded[row * 7 + column];
-                    let share = weight * wx * wy;
-                    cell[id % 8] += share * (1.0 - fd);
-                    cell[(id + 1) % 8] += share * fd;
+        }
+        Self { width, height, data }
+    }
+
+    /// Gradients in the square around a place, row by row, each with where it lies from the place [px].
+    fn around(&self, u: f32, v: f32, radius: usize) -> impl Iterator<Item = (f32, impl Iterator<Item = (f32, f32, f32)>)> {
+        let span = |centre: f32, count: usize| {
+            let centre = centre.round() as usize;
+            centre.saturating_sub(radius)..(centre + radius + 1).min(count)
+        };
+        let columns = span(u, self.width);
+        span(v, self.height).map(move |y| {
+            let row = &self.data[y * self.width..][columns.clone()];
+            (y as f32 - v, columns.clone().zip(row).map(move |(x, (strength, direction))| (x as f32 - u, *strength, *direction)))
+        })
+    }
+
+    /// The strongest direction of the gradients around a point [rad].
+    fn orientation(&self, u: f32, v: f32, sigma: f32) -> f32 {
+        const BINS: usize = 36;
+        let mut histogram = [0f32; BINS];
+        let per_square = -0.5 / (1.5 * sigma).powi(2);
+        for (py, row) in self.around(u.round(), v.round(), (4.5 * sigma).round() as usize) {
+            for (px, strength, direction) in row {
+                let bin = (direction * BINS as f32 + 0.5) as usize % BINS;
+                histogram[bin] += strength * ((px * px + py * py) * per_square).exp();
+            }
+        }
+        for _ in 0..2 {
+            let before = histogram;
+            for (i, value) in histogram.iter_mut().enumerate() {
+                *value = 0.25 * before[(i + BINS - 1) % BINS] + 0.5 * before[i] + 0.25 * before[(i + 1) % BINS];
+            }
+        }
+        let peak = (0..BINS).max_by(|a, b| histogram[*a].total_cmp(&histogram[*b])).unwrap_or(0);
+        let (l, c, r) = (histogram[(peak + BINS - 1) % BINS], histogram[peak], histogram[(peak + 1) % BINS]);
+        let curvature = l - 2.0 * c + r;
+        let offset = if curvature.abs() > 1e-12 { 0.5 * (l - r) / curvature } else { 0.0 };
+        (peak as f32 + offset) / BINS as f32 * std::f32::consts::TAU
+    }
+
+    /// 4 × 4 cells, turned by `angle` [rad], of the directions of gradients in each.
+    fn descriptor(&self, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
+        // Directions are a circle: what falls into the ninth is the first's.
+        let mut padded = [[0f32; 9]; 49];
+        let (sin, cos) = angle.sin_cos();
+        let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);
+        let per_px = 1.0 / (3.0 * sigma);
+        let radius = (3.0 * sigma * std::f32::consts::SQRT_2 * 2.5).round() as usize;
+        for (py, row) in self.around(u, v, radius) {
+            for (px, strength, direction) in row {
+                let (rx, ry) = ((cos * px + sin * py) * per_px, (cos * py - sin * px) * per_px);
+                if rx.abs() >= 2.5 || ry.abs() >= 2.5 {
+                    continue;
+                }
+                let weight = strength * (-(rx * rx + ry * ry) / 8.0).exp();
+                let direction = direction - zero;
+                let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
+                // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
+                let (bx, by) = (rx + 2.5, ry + 2.5);
+                let (ix, iy, id) = (bx as usize, by as usize, (direction as usize).min(7));
+                let (fx, fy, fd) = (bx - ix as f32, by - iy as f32, direction - id as f32);
+                for (row, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
+                    for (column, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
+                        let cell = &mut padded[row * 7 + column];
+                        let share = weight * wx * wy;
+                        cell[id] += share * (1.0 - fd);
+                        cell[id + 1] += share * fd;
+                    }
                 }
             }
         }
+        padded.iter_mut().for_each(|cell| cell[0] += cell[8]);
+        let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 7 + i / 8 % 4 + 1][i % 8]);
+        let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
+        let first = norm(&histogram);
+        histogram.iter_mut().for_each(|v| *v = (*v / first).min(0.2));
+        let second = norm(&histogram);
+        histogram.map(|v| (v / second * 512.0).round() as i16)
     }
-    let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 7 + i / 8 % 4 + 1][i % 8]);
-    let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
-    let first = norm(&histogram);
-    histogram.iter_mut().for_each(|v| *v = (*v / first).min(0.2));
-    let second = norm(&histogram);
-    histogram.map(|v| (v / second * 512.0).round() as i16)
 }
 
 /// The strongest extrema of each cell first, then the strongest of all, up to `most`.

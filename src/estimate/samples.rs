@@ -164,42 +164,51 @@ struct Pool {
     largest: f32,
 }
 
-/// Pools linear light with separable weights.
+/// Rows are summed in single precision, so many at a time, and then in double: a whole picture keeps its digits.
+const ROWS_AT_ONCE: usize = 64;
+
+/// Pools linear light with separable weights: rows into one row, many values at a time, and then along that.
 fn pool(image: &SensorImage, columns: Range<usize>, rows: Range<usize>, across: impl Fn(usize) -> f32, down: impl Fn(usize) -> f32) -> Pool {
-    let light = &image.light;
+    let (light, bands) = (&image.light, image.light.bands);
     let across: Vec<f32> = columns.clone().map(across).collect();
     let (mut sum, mut weights, mut largest) = ([0f64; 3], [0f64; 3], 0f32);
-    for y in rows {
-        let start = (y * light.width + columns.start) * light.bands;
-        let pixels = light.pixels[start..start + across.len() * light.bands].chunks_exact(light.bands);
-        // A row is summed in single precision, rows in double: a whole picture keeps its digits.
-        let (mut of_row, mut of_weights) = ([0f32; 3], [0f32; 3]);
-        match image.mosaic {
-            Some(phase) => {
-                for ((x, pixel), w) in columns.clone().zip(pixels).zip(&across) {
-                    let band = phase.band(x, y);
-                    of_row[band] += w * pixel[0];
-                    of_weights[band] += w;
-                    largest = largest.max(pixel[0]);
-                }
-            }
-            None => {
-                for (pixel, w) in pixels.zip(&across) {
-                    for (s, value) in of_row.iter_mut().zip(pixel) {
-                        *s += w * value;
-                        largest = largest.max(*value);
-                    }
-                }
-                of_weights = [across.iter().sum(); 3];
-            }
+    let mut of_columns = vec![0f32; across.len() * bands];
+    // Even rows of a mosaic hold other bands than odd ones; of any other picture they are alike.
+    let turns = if image.mosaic.is_some() { 2 } else { 1 };
+    for (first, turn) in rows.clone().step_by(ROWS_AT_ONCE).flat_map(|first| (0..turns).map(move |turn| (first + turn, turn))) {
+        of_columns.fill(0.0);
+        let mut all_down = 0f32;
+        let last = rows.end.min(first - turn + ROWS_AT_ONCE);
+        for y in (first..last).step_by(turns) {
+            let weight = down(y);
+            all_down += weight;
+            let start = (y * light.width + columns.start) * bands;
+            largest = largest.max(add_row(&light.pixels[start..start + of_columns.len()], weight, &mut of_columns));
         }
-        let weight = f64::from(down(y));
-        for b in 0..3 {
-            sum[b] += weight * f64::from(of_row[b]);
-            weights[b] += weight * f64::from(of_weights[b]);
+        for ((x, pixel), w) in columns.clone().zip(of_columns.chunks_exact(bands)).zip(&across) {
+            for (b, value) in pixel.iter().enumerate() {
+                let band = image.mosaic.map_or(b, |phase| phase.band(x, first));
+                sum[band] += f64::from(w * value);
+                weights[band] += f64::from(w * all_down);
+            }
         }
     }
     Pool { mean: std::array::from_fn(|b| (sum[b] / weights[b]) as f32), largest }
+}
+
+/// Adds a row with a weight, and gives its largest value.
+fn add_row(row: &[f32], weight: f32, sums: &mut [f32]) -> f32 {
+    const LANES: usize = 8;
+    let ((blocks, rest), (sums, last)) = (row.as_chunks::<LANES>(), sums.as_chunks_mut::<LANES>());
+    let mut largest = [0f32; LANES];
+    for (block, sums) in blocks.iter().zip(sums) {
+        for k in 0..LANES {
+            sums[k] += weight * block[k];
+            largest[k] = if block[k] > largest[k] { block[k] } else { largest[k] };
+        }
+    }
+    rest.iter().zip(last).for_each(|(value, sum)| *sum += weight * value);
+    largest.iter().chain(rest).copied().fold(0.0, f32::max)
 }
 
 /// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near black.

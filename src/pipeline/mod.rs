@@ -167,7 +167,7 @@ fn learnt(logs: &[Prepared], options: &Options, threads: &Threads, progress: &dy
         let mut collected = logs.iter().map(pass_one).collect::<Result<Vec<(&Prepared, Collected)>>>()?;
         let is_all = collected.iter().all(|(_, c)| c.is_all);
         let means = collected.first_mut().map(|(_, c)| std::mem::take(&mut c.means)).unwrap_or_default();
-        let model = model_of(collected, options);
+        let model = threads.within(|| model_of(collected, options));
         if is_all || most >= max_frames {
             return Ok((model?, means));
         }

@@ -1,4 +1,5 @@
-//! The only place with threads: items in, work on all cores, results out in the order of the items.
+//! The place of threads: items in, work on all cores, results out in the order of the items. (The joint solve parts its sums
+//! over the same cores, see [`Threads::within`].)
 //!
 //! A stage pulls its items, keeps so many of them under way, and gives out the oldest when it is done. So what comes out
 //! does not depend on the number of threads, one slow item holds up the others no longer than the window lasts,
@@ -24,6 +25,18 @@ impl Threads {
     /// How many there are.
     pub fn count(&self) -> usize {
         self.0.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
+    }
+
+    /// Runs what parts its own work (the joint solve does) on these cores and no others.
+    pub fn within<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
+        match &self.0 {
+            Some(pool) => pool.install(act),
+            // Outside of a pool it would take all cores there are.
+            None => match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+                Ok(pool) => pool.install(act),
+                Err(_) => act(),
+            },
+        }
     }
 
     /// A place for stages. What their work borrows must be older than the place.

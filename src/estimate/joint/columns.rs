@@ -5,23 +5,27 @@ use super::{Row, Setting};
 use crate::model::{Backscatter, SHAPES};
 use crate::vehicle::MOST_LAMPS;
 
-/// The most entries that a row has: beam 4 per lamp, α 2, exponent 1, glow 3, places 6.
-const MOST: usize = 12 + 4 * MOST_LAMPS;
+/// The most entries that a row has for one band: α 2, exponent 1, glow 3, places 6.
+const MOST: usize = 12;
 
-/// The non-zero entries of a row's design for one band.
-pub struct Entries {
-    list: [(usize, f64); MOST],
+/// Non-zero entries of a row's design.
+pub struct Entries<const N: usize> {
+    list: [(usize, f64); N],
     count: usize,
 }
 
-impl Entries {
+impl<const N: usize> Entries<N> {
+    fn new() -> Self {
+        Self { list: [(0, 0.0); N], count: 0 }
+    }
+
     fn put(&mut self, unknown: usize, value: f64) {
         self.list[self.count] = (unknown, value);
         self.count += 1;
     }
 }
 
-impl std::ops::Deref for Entries {
+impl<const N: usize> std::ops::Deref for Entries<N> {
     type Target = [(usize, f64)];
     fn deref(&self) -> &[(usize, f64)] {
         &self.list[..self.count]
@@ -100,14 +104,20 @@ impl Columns {
         self.first_place() + self.places
     }
 
-    /// The design of a row for one band.
-    pub fn entries(&self, setting: &Setting<'_>, back: &Backscatter, row: &Row, band: usize) -> Entries {
-        let mut entries = Entries { list: [(0, 0.0); MOST], count: 0 };
+    /// What a row's design has in all bands: the beam's nodes.
+    pub fn of_beam(&self, row: &Row) -> Entries<{ 4 * MOST_LAMPS }> {
+        let mut entries = Entries::new();
         for &(node, weight) in &row.nodes[..row.nodes_used] {
             if let Some(unknown) = self.beam_node(node) {
                 entries.put(unknown, weight);
             }
         }
+        entries
+    }
+
+    /// The rest of it, which is one band's own; all unknowns of the beam stand before these.
+    pub fn of_band(&self, setting: &Setting<'_>, back: &Backscatter, row: &Row, band: usize) -> Entries<MOST> {
+        let mut entries = Entries::new();
         match setting.drift {
             None => entries.put(self.attenuation(band, 0), -row.length_m),
             Some(drift) => {

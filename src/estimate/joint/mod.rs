@@ -66,7 +66,7 @@ pub struct Setting<'s> {
 }
 
 /// S_Λ of an observation.
-pub type GlowOf<'f> = dyn Fn(&Observation) -> Glow + 'f;
+pub type GlowOf<'f> = dyn Fn(&Observation) -> Glow + Sync + 'f;
 
 /// Nodes of α in time.
 #[derive(Clone, Debug)]
@@ -223,7 +223,7 @@ impl<'s> Problem<'s> {
         }
         // Only nodes that are seen are unknowns; views at others are left out.
         let columns = Columns::new(seen.iter().map(|w| *w >= LEAST_NODE_WEIGHT), setting);
-        let (mut rows, mut ends) = (Vec::new(), Vec::new());
+        let (mut rows, mut ends) = (Vec::with_capacity(source), Vec::with_capacity(tracks.len()));
         for of_track in views {
             let start = rows.len();
             rows.extend(of_track.into_iter().filter_map(|(source, o, path)| row(setting, &columns, o, &path, source)));

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::super::robust;
 use super::{LEAST_DIRECT_SHARE, LegRow, NOISE_CLASSES, Problem, Row, Solution};
@@ -14,6 +15,9 @@ const HOLDING: f64 = 1e6;
 const TIME_BENDS: f64 = 4.0;
 /// Weight of the first: no more than holds a stretch that no track tells of.
 const TIME_STEPS: f64 = 1e-3;
+
+/// The work is split into so many parts: enough for the cores there are, few enough that adding up their matrices costs little.
+const PARTS: usize = 4;
 
 /// Weight that holds η and ζ where they are, in case no light tells of them.
 const SHAPE_HELD: f64 = 1e-3;
@@ -99,7 +103,7 @@ impl Problem<'_> {
                 self.rows.iter().map(|r| std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 })).collect();
             let by_glow = |r: &Row, b: usize| {
                 self.columns
-                    .entries(&self.setting, &self.back, r, b)
+                    .of_band(&self.setting, &self.back, r, b)
                     .iter()
                     .filter(|(i, _)| *i >= self.columns.glow_begins())
                     .map(|(i, x)| x * values[*i])
@@ -143,7 +147,8 @@ impl Problem<'_> {
 
     /// What the unknowns say of a row.
     pub(super) fn modelled(&self, row: &Row, band: usize, values: &DVector<f64>) -> f64 {
-        self.columns.entries(&self.setting, &self.back, row, band).iter().map(|(p, x)| x * values[*p]).sum()
+        let sum = |entries: &[(usize, f64)]| entries.iter().map(|(p, x)| x * values[*p]).sum::<f64>();
+        sum(&self.columns.of_beam(row)) + sum(&self.columns.of_band(&self.setting, &self.back, row, band))
     }
 
     /// Second differences of neighbouring nodes of the beam, first differences of those in time, and a ridge for the
@@ -189,7 +194,15 @@ impl Problem<'_> {
     /// Normal matrix and right-hand side of all tracks, over `smooth`.
     pub fn normal_equations(&self, smooth: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
         let mut sums = Normal::new(smooth.clone());
-        self.tracks().for_each(|track| sums.add(self, track));
+        let of_part = |tracks: &[Range<usize>]| {
+            let mut part = Normal::new(DMatrix::zeros(smooth.nrows(), smooth.ncols()));
+            tracks.iter().for_each(|track| part.add(self, track.clone()));
+            part
+        };
+        for part in self.in_parts(of_part) {
+            sums.matrix += part.matrix;
+            sums.right += part.right;
+        }
         for i in (0..self.setting.bands).filter(|b| self.held[*b]).filter_map(|b| self.columns.glow(b)) {
             sums.matrix[(i, i)] += sums.matrix[(i, i)] * HOLDING;
         }
@@ -198,22 +211,31 @@ impl Problem<'_> {
 
     /// y − ρ − model per observation and band, in log c, raised for the freedom that ρ took.
     pub fn misfits(&self, values: &DVector<f64>) -> Vec<[f64; 3]> {
-        let mut misfits = vec![[0.0; 3]; self.rows.len()];
-        for track in self.tracks() {
-            let freedom = freedom(&track);
-            for b in 0..self.setting.bands {
-                let (mut total, mut mean) = (0.0, 0.0);
-                for i in track.clone() {
-                    misfits[i][b] = self.rows[i].y[b] - self.modelled(&self.rows[i], b, values);
-                    total += self.weights[i][b];
-                    mean += self.weights[i][b] * misfits[i][b];
-                }
-                for i in track.clone() {
-                    misfits[i][b] = (misfits[i][b] - mean / total.max(1e-12)) * freedom * self.rows[i].direct_share[b];
-                }
+        self.in_parts(|tracks| tracks.iter().flat_map(|track| self.misfits_of(track, values)).collect::<Vec<_>>()).concat()
+    }
+
+    fn misfits_of(&self, track: &Range<usize>, values: &DVector<f64>) -> Vec<[f64; 3]> {
+        let (rows, weights) = (&self.rows[track.clone()], &self.weights[track.clone()]);
+        let freedom = freedom(track);
+        let mut misfits = vec![[0.0; 3]; rows.len()];
+        for b in 0..self.setting.bands {
+            let (mut total, mut mean) = (0.0, 0.0);
+            for (i, row) in rows.iter().enumerate() {
+                misfits[i][b] = row.y[b] - self.modelled(row, b, values);
+                total += weights[i][b];
+                mean += weights[i][b] * misfits[i][b];
+            }
+            for (misfit, row) in misfits.iter_mut().zip(rows) {
+                misfit[b] = (misfit[b] - mean / total.max(1e-12)) * freedom * row.direct_share[b];
             }
         }
         misfits
+    }
+
+    /// Work on all tracks, in a few parts, on as many cores; the parts do not depend on the cores, so neither do sums over them.
+    fn in_parts<R: Send>(&self, work: impl Fn(&[Range<usize>]) -> R + Sync) -> Vec<R> {
+        let tracks: Vec<Range<usize>> = self.tracks().collect();
+        tracks.par_chunks(tracks.len().div_ceil(PARTS).max(1)).map(|part| work(part)).collect()
     }
 }
 
@@ -236,23 +258,27 @@ impl Normal {
 
     /// Adds one track with its reflectance eliminated.
     pub fn add(&mut self, problem: &Problem<'_>, track: Range<usize>) {
+        let bands = problem.setting.bands;
         let (mut total, mut total_y) = ([0.0; 3], [0.0; 3]);
         for (row, weight) in problem.rows[track.clone()].iter().zip(&problem.weights[track]) {
-            for b in 0..problem.setting.bands {
-                let (w, entries) = (weight[b], problem.columns.entries(&problem.setting, &problem.back, row, b));
-                for (k, (p, x)) in entries.iter().enumerate() {
+            let (beam, of_all) = (problem.columns.of_beam(row), weight[..bands].iter().sum::<f64>());
+            for (k, (p, x)) in beam.iter().enumerate() {
+                self.right[*p] += x * (0..bands).map(|b| weight[b] * row.y[b]).sum::<f64>();
+                for (j, (q, z)) in beam[..=k].iter().enumerate() {
+                    // Two lamps that shine on a point from alike share nodes of the beam: such a pair counts both ways.
+                    let times = if j < k && p == q { 2.0 } else { 1.0 };
+                    self.matrix[(*p.max(q), *p.min(q))] += times * of_all * x * z;
+                }
+                self.sum(*p, |b| if b < bands { weight[b] * x } else { 0.0 });
+            }
+            for b in 0..bands {
+                let (w, own) = (weight[b], problem.columns.of_band(&problem.setting, &problem.back, row, b));
+                for (k, (p, x)) in own.iter().enumerate() {
                     self.right[*p] += w * x * row.y[b];
-                    for (j, (q, z)) in entries[..=k].iter().enumerate() {
-                        // Two lamps that shine on a point from alike share nodes of the beam: such a pair counts both ways.
-                        let times = if j < k && p == q { 2.0 } else { 1.0 };
-                        self.matrix[(*p.max(q), *p.min(q))] += times * w * x * z;
+                    for (q, z) in beam.iter().chain(&own[..=k]) {
+                        self.matrix[(*p, *q)] += w * x * z;
                     }
-                    let slot = &mut self.slots[*p];
-                    if *slot == usize::MAX {
-                        *slot = self.sums.len();
-                        self.sums.push((*p, [0.0; 3]));
-                    }
-                    self.sums[*slot].1[b] += w * x;
+                    self.sum(*p, |of| if of == b { w * x } else { 0.0 });
                 }
                 total[b] += w;
                 total_y[b] += w * row.y[b];
@@ -269,6 +295,16 @@ impl Normal {
             self.slots[*p] = usize::MAX;
         }
         self.sums.clear();
+    }
+
+    /// Adds to Σ w x of an unknown.
+    fn sum(&mut self, unknown: usize, of_band: impl Fn(usize) -> f64) {
+        let slot = &mut self.slots[unknown];
+        if *slot == usize::MAX {
+            *slot = self.sums.len();
+            self.sums.push((unknown, [0.0; 3]));
+        }
+        self.sums[*slot].1.iter_mut().enumerate().for_each(|(b, sum)| *sum += of_band(b));
     }
 }
 
