@@ -27,6 +27,7 @@ mod tracks;
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 pub use backscatter::FoundBackscatter;
 pub use light_settings::FollowedSetting;
@@ -241,11 +242,13 @@ pub fn understand(
     let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
     let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps);
     (all.strobe_is_found, all.glow) = (strobe.source.is_some(), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
-    let mounts = check_mounts(&all, instrument, config);
-    let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
-    all.drift = drift.as_ref();
     all.unmodelled_glow = unmodelled;
-    let estimate = estimate(&all, config)?;
+    let estimated = || {
+        let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
+        estimate(&Samples { drift: drift.as_ref(), ..all }, config)
+    };
+    let (mounts, estimate) = rayon::join(|| check_mounts(&all, instrument, config), estimated);
+    let estimate = estimate?;
     let backscatter = backscatter.map(|mut found| {
         found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);
         found
@@ -262,8 +265,9 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
     let estimators: [(&str, EstimatorOf); 3] = [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
-    for (name, run) in estimators {
-        match run(samples, nodes, config) {
+    let said: Vec<_> = estimators.par_iter().map(|(name, run)| (*name, run(samples, nodes, config))).collect();
+    for (name, said) in said {
+        match said {
             Ok(candidate) => {
                 answers.insert(name.into(), candidate.answer.clone());
                 found.insert(name, candidate);

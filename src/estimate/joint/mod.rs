@@ -20,6 +20,7 @@ pub mod places;
 mod uncertainty;
 
 use nalgebra::DVector;
+use rayon::prelude::*;
 
 use super::robust;
 use super::tracks::{Observation, Track};
@@ -107,7 +108,7 @@ pub struct JointAnswer {
 }
 
 /// The light path of an observation for a strobe's mount.
-pub type PathFor<'f> = dyn Fn(&Observation, Lamps) -> Option<LightPath> + 'f;
+pub type PathFor<'f> = dyn Fn(&Observation, Lamps) -> Option<LightPath> + Sync + 'f;
 
 /// One view of a track, as numbers of the linear problem.
 struct Row {
@@ -209,18 +210,21 @@ pub fn strobe_places<'f>(mount: Lamps, paths: &'f PathFor<'f>) -> [Place<'f>; 3]
 
 impl<'s> Problem<'s> {
     /// Sets the problem up for a strobe's mount; `None` where too little is seen.
-    pub fn new(tracks: &[Track], setting: &Setting<'s>, mount: Lamps, paths: &PathFor<'_>) -> Option<Self> {
+    pub fn new<'t>(tracks: &'t [Track], setting: &Setting<'s>, mount: Lamps, paths: &PathFor<'_>) -> Option<Self> {
         let Setting { bands, nodes, .. } = *setting;
-        let mut seen = vec![0.0; nodes.count * nodes.count];
-        let mut views: Vec<Vec<Lit<'_>>> = Vec::with_capacity(tracks.len());
         let mut source = 0;
-        for track in tracks {
-            let lit = |(i, o)| Some((source + i, o, paths(o, mount).filter(|p| p.all_angles().all(|a| nodes.holds(a)))?));
-            let of_track: Vec<Lit<'_>> = track.iter().enumerate().filter_map(lit).collect();
+        let begun = tracks.iter().map(|track| {
             source += track.len();
-            of_track.iter().flat_map(|(_, _, p)| p.all_angles().flat_map(|a| nodes.weights(a))).for_each(|(n, w)| seen[n] += w);
-            views.push(of_track);
-        }
+            (source - track.len(), track)
+        });
+        let begun: Vec<(usize, &Track)> = begun.collect();
+        let lit = |first: usize, track: &'t Track| {
+            let lit = |(i, o)| Some((first + i, o, paths(o, mount).filter(|p| p.all_angles().all(|a| nodes.holds(a)))?));
+            track.iter().enumerate().filter_map(lit).collect()
+        };
+        let views: Vec<Vec<Lit<'_>>> = begun.into_par_iter().map(|(first, track)| lit(first, track)).collect();
+        let mut seen = vec![0.0; nodes.count * nodes.count];
+        views.iter().flatten().flat_map(|(_, _, p)| p.all_angles().flat_map(|a| nodes.weights(a))).for_each(|(n, w)| seen[n] += w);
         // Only nodes that are seen are unknowns; views at others are left out.
         let columns = Columns::new(seen.iter().map(|w| *w >= LEAST_NODE_WEIGHT), setting);
         let (mut rows, mut ends) = (Vec::with_capacity(source), Vec::with_capacity(tracks.len()));

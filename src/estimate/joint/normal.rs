@@ -99,8 +99,11 @@ impl Problem<'_> {
             return values;
         }
         let direct: Vec<[f64; 3]> = {
-            let said: Vec<[f64; 3]> =
-                self.rows.iter().map(|r| std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 })).collect();
+            let said: Vec<[f64; 3]> = self
+                .rows
+                .par_iter()
+                .map(|r| std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 }))
+                .collect();
             let by_glow = |r: &Row, b: usize| {
                 self.columns
                     .of_band(&self.setting, &self.back, r, b)
