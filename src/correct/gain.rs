@@ -25,8 +25,11 @@ const STEEP_SMOOTH: f32 = 0.25;
 /// Exact nodes lie this far apart, seen from the camera [rad]: over that, 1/8 of the square of it times the second
 /// derivative of the smooth parts (6 at most) is 0.02 %.
 const SMOOTH_RAD: f64 = 0.016;
+/// Signal and noise are compared at so many pixels along a row, and no nearer to each other than this [px].
+const LOOKED_AT_ACROSS: usize = 64;
+const LOOKED_AT_EVERY_PX: usize = 16;
 /// Nodes are never farther apart [px].
-const LARGEST_STEP_PX: usize = 16;
+const LARGEST_STEP_PX: usize = 32;
 /// Least slope of the logarithm of what is divided out, beside the beam's [1/rad].
 const SLOPE_OF_WAY: f64 = 3.0;
 
@@ -62,7 +65,7 @@ fn step_px(beam: &BeamPattern, roughness: (f64, f64), px_per_rad: f64, error: f6
     // e^x between nodes: (h · slope)² / 8.
     let slope = first / spacing_rad + SLOPE_OF_WAY;
     let curve = (4.0 * error).sqrt() * px_per_rad / slope;
-    (edges.min(curve).floor() as usize).clamp(1, LARGEST_STEP_PX)
+    (edges.min(curve).min(SMOOTH_RAD * px_per_rad).floor() as usize).clamp(1, LARGEST_STEP_PX)
 }
 
 /// Path lengths and shares, summed up.
@@ -340,15 +343,15 @@ impl GainRows<'_> {
     /// `least_signal_to_noise` times its noise, in any of the bands a pixel has; and how many were looked at. A mosaic's
     /// bands have their turns. Gains do not matter: they make the noise as much larger as the light.
     pub fn low_signal(&self, y: usize, raw: &[f32], frame_gain: f64, noise: &Noise) -> (usize, usize) {
-        const EVERY: usize = 16;
-        let row = y / EVERY;
-        if y != row * EVERY + row % 2 {
+        let every = (self.grid.width / LOOKED_AT_ACROSS).max(LOOKED_AT_EVERY_PX);
+        let row = y / every;
+        if y != row * every + row % 2 {
             return (0, 0);
         }
         let (grid, stored) = (self.grid, self.stored);
         let (step, columns, rows) = (grid.gains.step, grid.gains.columns, grid.gains.rows);
         let (mut low, mut looked) = (0, 0);
-        for x in (0..grid.width / EVERY).map(|column| column * EVERY + column % 2) {
+        for x in (0..grid.width / every).map(|column| column * every + column % 2) {
             let is_low = |b: usize| {
                 let light = f64::from(raw[x * stored + b] - self.veil.get(x * stored + b).copied().unwrap_or(0.0));
                 // Noise is that of the light as it was measured, before the frame's own gain was taken out.
@@ -400,8 +403,9 @@ mod tests {
             roughness: model.beam_pattern.roughness(0.05),
             electrons: Default::default(),
         };
-        let camera = Camera::from_field_of_view(643, 451, 55.0);
-        for pitch_deg in [0.0, 25.0, 66.0f64] {
+        for (times, pitch_deg) in [(1, 0.0), (1, 25.0), (1, 66.0), (4, 0.0), (4, 25.0f64)] {
+            let (width, height) = (643 * times, 451 * times);
+            let camera = Camera::from_field_of_view(width, height, 55.0);
             let (sin, cos) = pitch_deg.to_radians().sin_cos();
             let plane = SeafloorPlane {
                 normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos)).expect("a normal"),
@@ -418,19 +422,19 @@ mod tests {
                 strobe: StrobeMount { lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])), source: None },
             };
             let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
-            let mut image = LinearImage::new(643, 451, 3);
+            let mut image = LinearImage::new(width, height, 3);
             image.pixels.fill(1.0);
-            let grid = GainGrid::new(&correction, &view, 643, 451, 3);
-            let mut bits = vec![0; 643 * 451];
+            let grid = GainGrid::new(&correction, &view, width, height, 3);
+            let mut bits = vec![0; width * height];
             grid.mark(&mut bits);
             let mut rows = grid.rows(None);
-            for (y, row) in image.pixels.chunks_exact_mut(3 * 643).enumerate() {
+            for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
                 rows.go_to(y);
                 rows.multiply(row);
             }
             let (mut worst, mut off) = (0f64, 0);
-            for y in (0..451).step_by(3) {
-                for x in (0..643).step_by(3) {
+            for y in (0..height).step_by(3 * times - 1) {
+                for x in (0..width).step_by(3 * times - 1) {
                     match view.light_path(x as f64, y as f64) {
                         Some(path) if path.length_m() < 30.0 => {
                             let exact = (-model.log_light(&path, 0)).exp();
@@ -438,7 +442,7 @@ mod tests {
                         }
                         Some(_) => {}
                         None => {
-                            assert_eq!((image.at(x, y), bits[y * 643 + x]), ([0.0; 3].as_slice(), mask::OFF_SURFACE));
+                            assert_eq!((image.at(x, y), bits[y * width + x]), ([0.0; 3].as_slice(), mask::OFF_SURFACE));
                             off += 1;
                         }
                     }

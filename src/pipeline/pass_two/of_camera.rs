@@ -1,5 +1,8 @@
 //! One camera in pass two: its channels, and a frame of it from message to message.
 
+use std::borrow::Cow;
+use std::cell::RefCell;
+
 use crate::config::Config;
 use crate::correct::{Corrected, Correction, Frame};
 use crate::error::Result;
@@ -20,6 +23,19 @@ use super::super::scan::Scan;
 use super::super::survey::Survey;
 use super::scene::Shown8;
 use super::{Added, Done, Shown, corrected_topic, method_name, output_container};
+
+/// What frames of one core take of memory, one after the other.
+#[derive(Default)]
+struct Memory {
+    /// of the codes that come in
+    codes: Vec<u8>,
+    /// of the samples that go out
+    samples: Vec<u8>,
+}
+
+thread_local! {
+    static MEMORY: RefCell<Memory> = RefCell::default();
+}
 
 /// A camera that is corrected, and all that pass two needs for it.
 pub struct OfCamera<'p> {
@@ -104,6 +120,7 @@ impl OfCamera<'_> {
 
     /// One frame, on whichever core: decode, find its plane, correct, encode.
     pub(super) fn frame(&self, index: usize, message: Message, srgb: &SrgbTable) -> Done {
+        let mut memory = MEMORY.take();
         let container = self.container();
         let mut said = Heading::default();
         let (mut plane, mut preview) = (None, None);
@@ -115,7 +132,7 @@ impl OfCamera<'_> {
             let Survey { white_level, response, .. } = self.survey;
             let light = Light { transfer: self.config.light.transfer, white_level: *white_level, response: response.as_ref() };
             let picture = read(&value).map_err(Reason::Undecodable)?;
-            let codes = decode::codes(&picture, light).map_err(Reason::Undecodable)?;
+            let codes = decode::codes_in(&picture, light, std::mem::take(&mut memory.codes)).map_err(Reason::Undecodable)?;
             let (width, height, bands) = (codes.width, codes.height, codes.bands());
             let flat_field = self.survey.flat_field.as_ref();
             flat_field.map_or(Ok(()), |flat| flat.ensure_fits(width, height)).map_err(|_sizes| Reason::WrongSize)?;
@@ -139,7 +156,9 @@ impl OfCamera<'_> {
             let now = self.correction.model.at(stamp);
             let noise = Noise::of(&codes.coding, light, self.correction.electrons);
             let frame = Frame { codes: &codes, flat_field, view: &view, gain: self.frame_gain(stamp), noise: &noise, rectified: rectified.as_ref() };
-            let mut samples = Vec::with_capacity(width * height * bands * usize::from(self.config.render.depth / 8));
+            let mut samples = std::mem::take(&mut memory.samples);
+            samples.clear();
+            samples.reserve(width * height * bands * usize::from(self.config.render.depth / 8));
             let take = |row: &mut [f32]| match self.config.render.depth {
                 16 => samples.extend(row.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes())),
                 _ => srgb.codes(row, &mut samples),
@@ -149,6 +168,7 @@ impl OfCamera<'_> {
                 return Err(Reason::OffSurface);
             }
             let subsampled = codes.coding.container == Container::Jpeg { subsampled: true };
+            memory.codes = codes.into_memory();
             let (width, height) = rectified.map_or((width, height), |c| (c.width, c.height));
             let shown = || -> std::result::Result<Shown, String> {
                 let png = |mask: Vec<u8>| encode::png(&mask, width, height, 1, 8);
@@ -156,10 +176,13 @@ impl OfCamera<'_> {
                 let view = View { camera: rectified.as_ref().unwrap_or(&camera), ..view };
                 let shown = Shown8 { samples: &samples, width, height, bands, depth: self.config.render.depth, srgb };
                 let cloud = (self.config.output.seafloor_points_across > 0).then(|| self.seafloor_cloud(&said, &shown, &view));
-                Ok(Shown { picture: self.encoded(&said, samples, (width, height, bands), container, subsampled)?, mask, cloud, facts })
+                Ok(Shown { picture: self.encoded(&said, &samples, (width, height, bands), container, subsampled)?, mask, cloud, facts })
             };
-            shown().map_err(Reason::Unencodable)
+            let shown = shown().map_err(Reason::Unencodable);
+            memory.samples = samples;
+            shown
         })();
+        MEMORY.set(memory);
         Done { message, heading: said, plane, preview, result }
     }
 
@@ -176,7 +199,7 @@ impl OfCamera<'_> {
     fn encoded(
         &self,
         heading: &Heading,
-        samples: Vec<u8>,
+        samples: &[u8],
         (width, height, bands): (usize, usize, usize),
         container: Container,
         subsampled: bool,
@@ -187,10 +210,10 @@ impl OfCamera<'_> {
                 self.wire,
                 heading,
                 "jpeg",
-                &encode::jpeg(&samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?,
+                &encode::jpeg(samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?,
             ),
             Container::Png => {
-                output::compressed_image(self.wire, heading, "png", &encode::png(&samples, width, height, bands, self.config.render.depth)?)
+                output::compressed_image(self.wire, heading, "png", &encode::png(samples, width, height, bands, self.config.render.depth)?)
             }
             Container::Raw => {
                 let encoding = match (bands, deep) {
@@ -199,8 +222,8 @@ impl OfCamera<'_> {
                     (_, false) => "rgb8",
                     (_, true) => "rgb16",
                 };
-                let samples: Vec<u8> =
-                    if deep && cfg!(target_endian = "big") { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { samples };
+                let is_swapped = deep && cfg!(target_endian = "big");
+                let samples = if is_swapped { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { Cow::Borrowed(samples) };
                 output::image(self.wire, heading, width, height, encoding, samples.len() / height.max(1), &samples)
             }
         })
