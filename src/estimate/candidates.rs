@@ -99,9 +99,14 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
     let plain = joint::Setting { glow: None, rounds: FEW_ROUNDS, ..setting };
     let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount)));
     let (common, between) = common_errors(samples, without_glow.map(|a| a.attenuation_per_m), &answer.attenuation_per_m);
+    // With the exponent free, α is less sure by some factor, of what frames get wrong singly and of what all get wrong alike.
+    let held = joint::Setting { fit_exponent: false, rounds: FEW_ROUNDS, ..setting };
+    let with_held = if fit { joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount)) } else { None };
     for b in 0..bands {
-        answer.std_per_m[b] = answer.std_per_m[b].hypot(common[b]);
-        answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common[b]));
+        let less_sure = with_held.as_ref().map_or(1.0, |h| (answer.std_per_m[b] / h.std_per_m[b]).max(1.0));
+        let common = less_sure * common[b];
+        answer.std_per_m[b] = answer.std_per_m[b].hypot(common);
+        answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common));
     }
     answer.difference_std_per_m.iter_mut().zip(between).for_each(|(s, common)| *s = s.hypot(common));
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };

@@ -1,28 +1,52 @@
-//! The beam pattern as a false-colour picture (the paper's Fig. 9): warmer is brighter, grey was never seen.
+//! The beam pattern as a picture with axes (the paper's Fig. 9): brighter is more light, grey was never seen.
 
+use crate::draw::{Canvas, Ramp};
 use crate::geometry::StrobeAngles;
-use crate::image::encode;
 use crate::model::BeamPattern;
 
+/// Of the pattern itself [px].
 const SIDE: usize = 320;
-/// colours from dark to bright, at even steps of the gain
-const RAMP: [[f64; 3]; 6] = [[0.05, 0.03, 0.25], [0.15, 0.25, 0.65], [0.10, 0.60, 0.65], [0.50, 0.80, 0.35], [0.97, 0.85, 0.25], [0.85, 0.15, 0.10]];
+/// Left of it and below it, where the axes' words stand, and beside it, where the scale stands [px].
+const MARGIN: usize = 44;
+const TICK_DEG: f64 = 30.0;
+const SCALE_WIDTH: i64 = 12;
+const UNSEEN: [u8; 3] = [110, 110, 110];
+const PAPER: [u8; 3] = [255, 255, 255];
+const INK: [u8; 3] = [40, 40, 40];
 
-/// A PNG, θ down and φ to the right over the grid's whole range.
+/// A PNG, θ down and φ to the right over the grid's whole range [°], and the scale of the gain.
 pub fn png(beam: &BeamPattern) -> Vec<u8> {
     let limit = beam.nodes().limit_rad;
-    let angle = |i: usize| (2.0 * (i as f64 + 0.5) / SIDE as f64 - 1.0) * limit;
-    let pixels: Vec<u8> = (0..SIDE * SIDE)
-        .flat_map(|i| {
-            let angles = StrobeAngles { theta_rad: angle(i / SIDE), phi_rad: angle(i % SIDE) };
-            if !beam.is_seen(angles) {
-                return [70, 70, 70];
-            }
-            let gain = beam.log_gain(angles).exp().clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
-            let step = (gain as usize).min(RAMP.len() - 2);
-            let share = gain - step as f64;
-            std::array::from_fn(|b| ((RAMP[step][b] + (RAMP[step + 1][b] - RAMP[step][b]) * share) * 255.0).round() as u8)
-        })
-        .collect();
-    encode::png(&pixels, SIDE, SIDE, 3, 8).unwrap_or_default()
+    let mut canvas = Canvas::new(MARGIN + SIDE + 2 * MARGIN, SIDE + 2 * MARGIN, PAPER);
+    let (left, top, side) = (MARGIN as i64, (MARGIN / 2) as i64, SIDE as i64);
+    let angle = |i: i64| (2.0 * (i as f64 + 0.5) / SIDE as f64 - 1.0) * limit;
+    for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
+        let (log_gain, is_seen) = beam.read(StrobeAngles { theta_rad: angle(y), phi_rad: angle(x) });
+        canvas.set(left + x, top + y, if is_seen { Ramp::Warm.at(log_gain.exp()) } else { UNSEEN });
+    }
+    let width = |text: &str| Canvas::text_width(text, 1) as i64;
+    let ticks = (limit.to_degrees() / TICK_DEG).floor() as i64;
+    for tick in -ticks..=ticks {
+        let degrees = tick as f64 * TICK_DEG;
+        let at = ((degrees.to_radians() / limit + 1.0) / 2.0 * SIDE as f64).round() as i64;
+        let text = format!("{degrees:.0}");
+        canvas.fill((left + at, top + side), (1, 4), INK);
+        canvas.text((left + at - width(&text) / 2, top + side + 7), 1, INK, &text);
+        canvas.fill((left - 4, top + at), (4, 1), INK);
+        canvas.text((left - 7 - width(&text), top + at - 4), 1, INK, &text);
+    }
+    let (across, down) = ("phi [°]", "theta");
+    canvas.text((left + (side - width(across)) / 2, top + side + 22), 1, INK, across);
+    canvas.text((2, top - 14), 1, INK, down);
+    canvas.text((2, top - 3), 1, INK, "[°]");
+    let scale = left + side + 14;
+    (0..side).for_each(|y| canvas.fill((scale, top + y), (SCALE_WIDTH, 1), Ramp::Warm.at(1.0 - y as f64 / SIDE as f64)));
+    for quarter in 0..=4 {
+        let at = top + side * quarter / 4;
+        canvas.text((scale + SCALE_WIDTH + 5, at - 4), 1, INK, &format!("{:.2}", 1.0 - quarter as f64 / 4.0));
+    }
+    canvas.text((scale, top + side + 7), 1, INK, "gain");
+    canvas.fill((scale, top + side + 22), (9, 9), UNSEEN);
+    canvas.text((scale + 13, top + side + 22), 1, INK, "not seen");
+    canvas.png().unwrap_or_default()
 }
