@@ -388,7 +388,9 @@ fn compressed<'a>(format: &str, data: &[u8], light: Light<'a>, memory: Vec<u8>) 
         C::Rgba16 => (4, 2),
         other => return Err(format!("pictures of {other:?} are not read")),
     };
+    // Empty before it is used: where a damaged file leaves pixels out, those of another picture must not stand.
     let mut pixels = memory;
+    pixels.clear();
     pixels.resize(width * height * channels * bytes, 0);
     decoder.read_image(&mut pixels).map_err(bad)?;
     // A grey file whose original was a mosaic, with nothing said of debayering: the mosaic itself was compressed.
