@@ -238,7 +238,7 @@ impl Problem<'_> {
     /// Work on all tracks, in a few parts, on as many cores; the parts do not depend on the cores, so neither do sums over them.
     fn in_parts<R: Send>(&self, work: impl Fn(&[Range<usize>]) -> R + Sync) -> Vec<R> {
         let tracks: Vec<Range<usize>> = self.tracks().collect();
-        tracks.par_chunks(tracks.len().div_ceil(PARTS).max(1)).map(|part| work(part)).collect()
+        tracks.par_chunks(tracks.len().div_ceil(PARTS).max(1)).map(&work).collect()
     }
 }
 
