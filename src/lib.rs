@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 // The rooms in the order the data walks; ARCHITECTURE.md has the table and a test keeps it.
+pub mod cores;
 pub mod error;
 pub mod spaces;
 pub mod units;

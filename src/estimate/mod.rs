@@ -27,7 +27,6 @@ mod tracks;
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 pub use backscatter::FoundBackscatter;
 pub use light_settings::FollowedSetting;
@@ -38,6 +37,7 @@ pub use strobe_search::{FoundStrobe, PlacedStrobe};
 pub use tracks::{Observation, Track, tracks};
 
 use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
+use crate::cores::{both, each};
 use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
@@ -247,7 +247,7 @@ pub fn understand(
         let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
         estimate(&Samples { drift: drift.as_ref(), ..all }, config)
     };
-    let (mounts, estimate) = rayon::join(|| check_mounts(&all, instrument, config), estimated);
+    let (mounts, estimate) = both(|| check_mounts(&all, instrument, config), estimated);
     let estimate = estimate?;
     let backscatter = backscatter.map(|mut found| {
         found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);
@@ -265,7 +265,7 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
     let estimators: [(&str, EstimatorOf); 3] = [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
-    let said: Vec<_> = estimators.par_iter().map(|(name, run)| (*name, run(samples, nodes, config))).collect();
+    let said: Vec<_> = each(estimators.to_vec(), |(name, run)| (name, run(samples, nodes, config)));
     for (name, said) in said {
         match said {
             Ok(candidate) => {

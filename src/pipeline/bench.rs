@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 
 use super::chosen_frames::for_frames;
 use super::model_of::strobe_of;
-use super::ordered_map::Threads;
 use super::{BEAM_REFINED, BEAM_ROUGHEST, Prepared, glow_table};
 use crate::config::{Config, Method, WhiteBalance};
+use crate::cores::Threads;
 use crate::correct::{Correction, Frame, MeanFrames, rendering};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, samples};

@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::ordered_map::{Job, Threads};
 use super::scan::FrameRef;
+use crate::cores::{Job, Threads};
 use crate::error::Result;
 use crate::recording::{Entry, Message, Recording, Window};
 

@@ -9,11 +9,11 @@
 
 use nalgebra::Vector3;
 
-use super::ordered_map::{Threads, ordered_map};
 use super::pass_one::{Collected, collect};
 use super::survey::Survey;
 use super::{Options, Prepared, Silent};
 use crate::config::SeafloorConfig;
+use crate::cores::{Threads, ordered_map};
 use crate::error::Result;
 use crate::estimate::MatchedPair;
 use crate::geometry::{Pings, SeafloorPlane, Sighted, View};

@@ -1,5 +1,5 @@
 //! How much memory a run takes at most. It follows from the pictures' size and the number of cores, not from the log's
-//! length: what waits, and what is worked on, is bounded where it is made (`ordered_map.rs`).
+//! length: what waits, and what is worked on, is bounded where it is made (`cores.rs`).
 
 use crate::config::{Config, ImageFormat, Method};
 

@@ -7,7 +7,6 @@ pub mod clock_offsets;
 pub mod memory;
 mod model_of;
 mod mount_words;
-mod ordered_map;
 mod pass_one;
 mod pass_two;
 pub mod scan;
@@ -27,8 +26,8 @@ use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::vehicle::{CameraFacts, Rig, RigFile};
 
+pub use crate::cores::Threads;
 use model_of::{model_of, shown, strobe_of};
-pub use ordered_map::Threads;
 use pass_one::{Collected, collect};
 use pass_two::{OfCamera, PassTwo, place_of};
 pub use pass_two::{corrected_topic, method_name, output_container};

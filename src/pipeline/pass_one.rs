@@ -15,10 +15,10 @@ use crate::recording::{Message, Recording};
 use crate::spaces::Point;
 
 use super::chosen_frames::for_frames;
-use super::ordered_map::{Threads, ordered_map};
 use super::scan::{FrameRef, Scan};
 use super::survey::Survey;
 use super::{Progress, Step};
+use crate::cores::{Threads, ordered_map};
 
 /// Frames in a row that pass one takes before it jumps on; overlap needs neighbours.
 const STRETCH: usize = 12;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::config::{Config, ImageFormat, Method};
+use crate::cores::{Job, Threads};
 use crate::correct::FrameFacts;
 use crate::error::Result;
 use crate::geometry::SeafloorPlane;
@@ -12,7 +13,6 @@ use crate::messages::Heading;
 use crate::recording::{Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window};
 use crate::report::{Reason, Report};
 
-use super::ordered_map::{Job, Threads};
 use super::{Progress, Step};
 
 mod blocks;

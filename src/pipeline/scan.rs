@@ -11,7 +11,7 @@ use crate::recording::{Block, Channel, Contents, Damage, Entry, Message, Recordi
 use crate::units::Stamp;
 use crate::vehicle::{Calibration, DvlFacts, Ping};
 
-use super::ordered_map::{Job, Threads};
+use crate::cores::{Job, Threads};
 
 /// A picture of a camera: all that is known without decoding it.
 #[derive(Clone, Copy, Debug)]

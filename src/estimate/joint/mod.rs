@@ -20,11 +20,11 @@ pub mod places;
 mod uncertainty;
 
 use nalgebra::DVector;
-use rayon::prelude::*;
 
 use super::robust;
 use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
+use crate::cores::each;
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{Backscatter, BeamPattern, Glow, Nodes, SpreadingModel, log_geometry};
@@ -222,7 +222,7 @@ impl<'s> Problem<'s> {
             let lit = |(i, o)| Some((first + i, o, paths(o, mount).filter(|p| p.all_angles().all(|a| nodes.holds(a)))?));
             track.iter().enumerate().filter_map(lit).collect()
         };
-        let views: Vec<Vec<Lit<'_>>> = begun.into_par_iter().map(|(first, track)| lit(first, track)).collect();
+        let views: Vec<Vec<Lit<'_>>> = each(begun, |(first, track)| lit(first, track));
         let mut seen = vec![0.0; nodes.count * nodes.count];
         views.iter().flatten().flat_map(|(_, _, p)| p.all_angles().flat_map(|a| nodes.weights(a))).for_each(|(n, w)| seen[n] += w);
         // Only nodes that are seen are unknowns; views at others are left out.

@@ -3,10 +3,10 @@
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::super::robust;
 use super::{LEAST_DIRECT_SHARE, LegRow, NOISE_CLASSES, Problem, Row, Solution};
+use crate::cores::each;
 use crate::model::{SHAPES, log_sum};
 
 /// A held unknown is this much stiffer than the rows make it.
@@ -99,11 +99,8 @@ impl Problem<'_> {
             return values;
         }
         let direct: Vec<[f64; 3]> = {
-            let said: Vec<[f64; 3]> = self
-                .rows
-                .par_iter()
-                .map(|r| std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 }))
-                .collect();
+            let of_row = |r: &Row| -> [f64; 3] { std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 }) };
+            let said = each(self.rows.iter().collect(), of_row);
             let by_glow = |r: &Row, b: usize| {
                 self.columns
                     .of_band(&self.setting, &self.back, r, b)
@@ -238,7 +235,7 @@ impl Problem<'_> {
     /// Work on all tracks, in a few parts, on as many cores; the parts do not depend on the cores, so neither do sums over them.
     fn in_parts<R: Send>(&self, work: impl Fn(&[Range<usize>]) -> R + Sync) -> Vec<R> {
         let tracks: Vec<Range<usize>> = self.tracks().collect();
-        tracks.par_chunks(tracks.len().div_ceil(PARTS).max(1)).map(&work).collect()
+        each(tracks.chunks(tracks.len().div_ceil(PARTS).max(1)).collect(), work)
     }
 }
 

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::super::ordered_map::Job;
 use super::{Done, PassTwo};
+use crate::cores::Job;
 use crate::error::{Error, Result};
 use crate::image::transfer::SrgbTable;
 use crate::recording::{Block, Entry, Message, Output, PackedChunk};

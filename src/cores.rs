@@ -1,5 +1,4 @@
-//! The place of threads: items in, work on all cores, results out in the order of the items. (The joint solve parts its sums
-//! over the same cores, see [`Threads::within`].)
+//! The only place with threads: items in, work on all cores, results out in the order of the items.
 //!
 //! A stage pulls its items, keeps so many of them under way, and gives out the oldest when it is done. So what comes out
 //! does not depend on the number of threads, one slow item holds up the others no longer than the window lasts,
@@ -8,6 +7,18 @@
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, sync_channel};
+
+use rayon::prelude::*;
+
+/// Work on each item, on the cores of [`Threads::within`]; results in the order of the items.
+pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+    items.into_par_iter().map(&work).collect()
+}
+
+/// Two things side by side, on the same cores.
+pub fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+    rayon::join(a, b)
+}
 
 /// The cores to work on; one core is the caller's own.
 pub struct Threads(Option<rayon::ThreadPool>);
@@ -27,7 +38,7 @@ impl Threads {
         self.0.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
     }
 
-    /// Runs what parts its own work (the joint solve does) on these cores and no others.
+    /// Runs what parts its own work by [`each`] and [`both`], as the joint solve does, on these cores and no others.
     pub fn within<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
         match &self.0 {
             Some(pool) => pool.install(act),
