@@ -31,7 +31,8 @@ pub struct Outcome {
     others: Vec<(&'static str, Shown)>,
     /// frames at half power
     halved: Vec<i64>,
-    strobe_off_m: f64,
+    /// of the strobe's place, along the vehicle's axes
+    strobe_off_m: [f64; 3],
     followed_within: f64,
 }
 
@@ -265,24 +266,38 @@ fn exponent_off(o: &Outcome) -> f64 {
 }
 
 fn exponents(judged: &[Judged]) -> String {
-    format!("exponent off by {:.3} at most", judged.iter().map(|j| exponent_off(&j.0)).fold(0.0, f64::max))
+    let held = judged.iter().filter_map(|j| {
+        let std = j.0.verdict.model.estimators.get("joint")?.details.get("spreading_exponent_std")?;
+        Some(exponent_off(&j.0) <= 1.96 * std)
+    });
+    format!("exponent off by {:.3} at most; its interval holds {}", judged.iter().map(|j| exponent_off(&j.0)).fold(0.0, f64::max), share(held))
+}
+
+/// How many of them are so, in percent.
+fn share(held: impl Iterator<Item = bool>) -> String {
+    let held: Vec<bool> = held.collect();
+    format!("{:.0} % of {}", 100.0 * held.iter().filter(|h| **h).count() as f64 / held.len() as f64, held.len())
 }
 
 fn strobe_off(o: &Outcome) -> f64 {
-    o.strobe_off_m
+    o.strobe_off_m.iter().map(|d| d * d).sum::<f64>().sqrt()
 }
 
-/// How far from its place the strobe is taken to be [m].
-fn strobe_off_in(v: &Verdict, truth: &Truth) -> f64 {
-    // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
-    let s: Vec<f64> = truth.strobe_position_in_base.iter().zip([0.34, -0.10, -0.12]).map(|(s, c)| s - c).collect();
+/// How far from its place the strobe is taken to be, along the vehicle's axes [m].
+fn strobe_off_in(v: &Verdict, truth: &Truth) -> [f64; 3] {
+    // The camera looks straight down, image up is forward: ahead = −y, left = −x, up = −z of the optical space.
+    let camera = [0.34, -0.10, -0.12];
     let found = v.model.strobe.as_ref().map_or([f64::NAN; 3], |s| s.position_in_optical_m);
-    found.iter().zip([-s[1], -s[0], -s[2]]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    let in_base = [-found[1], -found[0], -found[2]];
+    std::array::from_fn(|i| camera[i] + in_base[i] - truth.strobe_position_in_base[i])
 }
 
 fn strobe_found(judged: &[Judged]) -> String {
     let off: Vec<f64> = judged.iter().map(|j| strobe_off(&j.0)).collect();
-    format!("found within {:.3} m at most, {:.3} m in the mean", off.iter().copied().fold(0.0, f64::max), off.iter().sum::<f64>() / off.len() as f64)
+    let held = judged.iter().filter_map(|j| Some((j.0.strobe_off_m, j.0.verdict.model.strobe.as_ref()?.position_std_m?)));
+    let held = held.flat_map(|(off, std)| std::array::from_fn::<bool, 3, _>(|i| off[i].abs() <= 1.96 * std[i]));
+    let (most, mean) = (off.iter().copied().fold(0.0, f64::max), off.iter().sum::<f64>() / off.len() as f64);
+    format!("found within {most:.3} m at most, {mean:.3} m in the mean; intervals of its place hold {}", share(held))
 }
 
 fn dropped_out(judged: &[Judged]) -> String {

@@ -234,7 +234,7 @@ pub struct MosaicArgs {
 #[derive(Debug, Args, Default)]
 pub struct LookOptions {
     /// Cores to use; 0 means all. The output's bytes do not depend on it
-    #[arg(short = 'j', long, value_name = "N", default_value_t = 0)]
+    #[arg(short = 'j', long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
     /// Overwrite the output
     #[arg(long)]
@@ -283,7 +283,7 @@ pub struct Shared {
     #[arg(short = 'E', long, value_name = "TIME", value_parser = moment)]
     pub end: Option<u64>,
     /// Cores to use; 0 means all. The output's bytes do not depend on it
-    #[arg(short = 'j', long, value_name = "N", default_value_t = 0)]
+    #[arg(short = 'j', long, value_name = "N", default_value_t = 0, value_parser = threads)]
     pub threads: usize,
     /// Overwrite the output
     #[arg(long)]
@@ -362,6 +362,15 @@ pub struct RenderOptions {
     pub only: Option<String>,
 }
 
+/// More threads than this no machine has cores for.
+const MOST_THREADS: usize = 1024;
+
+/// A number of threads.
+fn threads(word: &str) -> std::result::Result<usize, String> {
+    let count = word.parse().ok().filter(|n| *n <= MOST_THREADS);
+    count.ok_or_else(|| format!("a number from 0 (all cores) to {MOST_THREADS} is expected"))
+}
+
 /// Nanoseconds or RFC 3339.
 fn moment(word: &str) -> std::result::Result<u64, String> {
     if let Ok(nanos) = word.parse() {
@@ -395,10 +404,13 @@ impl Shared {
         };
         let rig = match &self.rig {
             None => RigFile::default(),
-            Some(path) => toml::from_str(&read(path)?).map_err(|e| {
+            Some(path) => {
                 let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio ranges min_range_m max_range_m bad_values topic path valid_path unit_m medium vignetting flat_field response full_well_e read_noise_e time_offset_s translation_m rotation_xyzw roll_pitch_yaw_deg";
-                Error::BadFile { path: path.clone(), what: "a fact", reason: with_nearest_key(&e, known.split(' ')) }
-            })?,
+                let bad = |reason| Error::BadFile { path: path.clone(), what: "a fact", reason };
+                let rig: RigFile = toml::from_str(&read(path)?).map_err(|e| bad(with_nearest_key(&e, known.split(' '))))?;
+                rig.ensure_valid().map_err(bad)?;
+                rig
+            }
         };
         fn set<T: Copy>(target: &mut T, said: Option<T>) {
             if let Some(said) = said {

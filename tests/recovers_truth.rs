@@ -49,6 +49,14 @@ fn a_water_linked_dvl_without_beam_vectors_and_a_distorting_lens() {
     assert_near("jpeg, distorted", &v, &truth, 0.03, 0.05, 0.03);
 }
 
+/// A dozen frames of such a camera see hardly any change of height: they are taken apart in time.
+#[test]
+fn a_quick_camera_says_as_much_as_a_slow_one() {
+    let dive = Dive { seed: 25, frames: 240, frames_per_s: 8.0, width: 288, height: 216, focal_px: 345.0, ..Dive::default() };
+    let (v, truth) = judged(&dive, &Options::default());
+    assert_near("8 pictures a second", &v, &truth, 0.03, 0.05, 0.03);
+}
+
 #[test]
 fn one_band_is_enough() {
     let (v, truth) = judged(&Dive { seed: 31, frames: 28, sensor: Sensor::Mono16, ..Dive::default() }, &Options::default());

@@ -41,6 +41,8 @@ impl Config {
         let checks = [
             (self.seafloor.pings_each_side >= 1, "seafloor.pings_each_side must be at least 1"),
             (self.seafloor.max_ping_gap_s > 0.0, "seafloor.max_ping_gap_s must be above 0"),
+            (self.seafloor.ping_window_s > 0.0, "seafloor.ping_window_s must be above 0"),
+            ((0.0..=1.0).contains(&self.estimate.clipped_above), "estimate.clipped_above must lie in 0 to 1"),
             (self.matching.detection_side_px >= 64, "matching.detection_side_px must be at least 64"),
             ((0.3..1.0).contains(&self.matching.ratio), "matching.ratio must lie in 0.3 to 1"),
             (self.matching.footprint_px >= 0.5, "matching.footprint_px must be at least 0.5"),

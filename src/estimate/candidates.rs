@@ -1,5 +1,7 @@
 //! The estimators' answers, each ready to be the model, and whether the chosen one can be trusted.
 
+use std::collections::BTreeSet;
+
 use super::Samples;
 use super::altitude_slope;
 use super::angular_bins;
@@ -30,6 +32,15 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// Less sure by what another answer, which knows more, says else.
+    pub fn less_sure_by(&mut self, other: &EstimatorAnswer) {
+        let (Some(alpha), Some(std)) = (&other.attenuation_per_m, &other.attenuation_std_per_m) else { return };
+        for (b, (alpha, std)) in alpha.iter().zip(std).enumerate() {
+            self.std_per_m[b] = self.std_per_m[b].hypot(self.model.attenuation_per_m[b] - alpha).hypot(*std);
+        }
+        self.answer.attenuation_std_per_m = Some(self.std_per_m[..self.model.bands].to_vec());
+    }
+
     fn new(model: ImagingModel, std_per_m: Bands, observations: usize, residual: f64, details: &[(&str, f64)]) -> Self {
         let bands = model.bands;
         let answer = EstimatorAnswer {
@@ -44,9 +55,11 @@ impl Candidate {
     }
 }
 
-/// What a whole log gets wrong alike no spread within it shows. Interpolation of pings and the grid of the beam: about
-/// this much in α on rendered dives, and half of it in differences between bands [1/m].
-const COMMON_ERROR_PER_M: f64 = 0.001;
+/// Planes, attitudes and the beam's grid make light wrong by this much, alike in all points of a few seconds: no spread
+/// within a log shows it, and it turns into α by how far path lengths spread. By rendered dives [log light].
+const COMMON_LOG_ERROR: f64 = 0.004;
+/// Frames nearer than this share their pings [s].
+const COMMON_S: f64 = 2.5;
 /// An 8-bit picture's mean may be off by this part of a code, and a JPEG's is: what its colours are rounded to is seldom
 /// even. Bright light hardly feels it, dark light does.
 const COMMON_CODE_ERROR: f64 = 0.1;
@@ -59,9 +72,22 @@ const SCATTERING_FORM_ERROR: f64 = 0.1;
 fn common_errors(samples: &Samples<'_>, without_glow: Option<Bands>, alpha: &Bands) -> (Bands, [f64; 2]) {
     let by_codes: Bands = std::array::from_fn(|b| if b < samples.bands() { code_error_per_m(samples, b) } else { 0.0 });
     let by_glow: Bands = std::array::from_fn(|b| without_glow.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b])));
-    let of_band = |b: usize| COMMON_ERROR_PER_M.hypot(by_codes[b]).hypot(by_glow[b]);
-    let between = |b: usize| (COMMON_ERROR_PER_M / 2.0).hypot(by_codes[b]).hypot(by_codes[b + 1]).hypot(by_glow[b] - by_glow[b + 1]);
+    let by_geometry = geometry_error_per_m(samples);
+    let of_band = |b: usize| by_geometry.hypot(by_codes[b]).hypot(by_glow[b]);
+    // It is nearly the same for all bands.
+    let between = |b: usize| (by_geometry / 2.0).hypot(by_codes[b]).hypot(by_codes[b + 1]).hypot(by_glow[b] - by_glow[b + 1]);
     (std::array::from_fn(of_band), std::array::from_fn(between))
+}
+
+/// Errors of so many independent moments, over so wide a spread of path lengths, as an error of α [1/m].
+fn geometry_error_per_m(samples: &Samples<'_>) -> f64 {
+    let moments: BTreeSet<i64> = samples.frames.iter().map(|f| (f.stamp.0 as f64 * 1e-9 / COMMON_S) as i64).collect();
+    let altitudes = || samples.frames.iter().map(|f| f.camera_altitude_m);
+    let n = samples.frames.len().max(1) as f64;
+    let mean = altitudes().sum::<f64>() / n;
+    // Down and up again.
+    let path_std_m = 2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt();
+    COMMON_LOG_ERROR / (path_std_m * (moments.len() as f64).sqrt()).max(1e-9)
 }
 
 /// Slope over path length of what a part of a code is in log light: α takes it up [1/m].
@@ -90,7 +116,7 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         glow: samples.glow.map(|(g, _)| (&g.backscatter, &glow_of as &joint::GlowOf<'_>)),
         drift: samples.drift.map(|d| &d.places),
         fit_exponent: fit,
-        free_strobe: samples.strobe_is_found,
+        free_strobe: samples.strobe_is_free,
         ..samples.setting(nodes, config)
     };
     let answer = joint::solve(tracks, &setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
@@ -99,12 +125,9 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
     let plain = joint::Setting { glow: None, rounds: FEW_ROUNDS, ..setting };
     let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount)));
     let (common, between) = common_errors(samples, without_glow.map(|a| a.attenuation_per_m), &answer.attenuation_per_m);
-    // With the exponent free, α is less sure by some factor, of what frames get wrong singly and of what all get wrong alike.
-    let held = joint::Setting { fit_exponent: false, rounds: FEW_ROUNDS, ..setting };
-    let with_held = if fit { joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount)) } else { None };
+    let less_sure = less_sure_by(samples, tracks, &setting, &answer.std_per_m);
     for b in 0..bands {
-        let less_sure = with_held.as_ref().map_or(1.0, |h| (answer.std_per_m[b] / h.std_per_m[b]).max(1.0));
-        let common = less_sure * common[b];
+        let common = less_sure[b] * common[b];
         answer.std_per_m[b] = answer.std_per_m[b].hypot(common);
         answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common));
     }
@@ -142,6 +165,15 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
     }
     let candidate = Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details);
     Ok(Candidate { path_spread_m: Some(answer.path_spread_m), low: low.map(|l| (l.attenuation_per_m, l.std_per_m)), ..candidate })
+}
+
+/// With the exponent or the strobe's place free, α is less sure by this factor: of what frames get wrong singly, as the solve
+/// itself says, and as much of what all get wrong alike.
+fn less_sure_by(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<'_>, std_per_m: &Bands) -> Bands {
+    let held = joint::Setting { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setting };
+    let is_free = setting.fit_exponent || setting.free_strobe;
+    let with_held = if is_free { joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount)) } else { None };
+    std::array::from_fn(|b| with_held.as_ref().map_or(1.0, |h| (std_per_m[b] / h.std_per_m[b]).max(1.0)))
 }
 
 /// The same solve on the lower half of the frames alone: what scatters back grows with height, and so the two part.
@@ -266,6 +298,9 @@ fn settled(before: &Bands, after: &Bands) -> bool {
     before.iter().zip(after).all(|(a, b)| (a - b).abs() < 1e-4)
 }
 
+/// Fewer show neither scattered light nor changed light for what it is.
+const LEAST_FRAMES: usize = 12;
+
 /// α of the lower half of the frames may differ from that of all by this much, whatever the noise says [1/m].
 const LEAST_PARTING_PER_M: f64 = 0.03;
 
@@ -286,6 +321,10 @@ pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Est
             "points are seen from nearly the same distance (path lengths differ by {:.3} m)",
             candidate.path_spread_m.unwrap_or_default()
         ));
+    }
+    let frames = samples.frames.len();
+    if frames < LEAST_FRAMES {
+        return Some(format!("{frames} frames with a seafloor are too few to tell the water from what else changes; {LEAST_FRAMES} are needed"));
     }
     let parted = |with: &Bands| (0..model.bands).find(|b| (with[*b] - model.attenuation_per_m[*b]).abs() > UNMODELLED_SHARE * with[*b].abs());
     if let Some((with, b)) = samples.unmodelled_glow.and_then(|with| Some((with, parted(&with)?))) {

@@ -16,8 +16,10 @@ const MOST_NODES: usize = 24;
 const GAP_S: f64 = 120.0;
 /// … for so many times its own interval between frames.
 const GAP_INTERVALS: f64 = 20.0;
-/// `auto` wants the height to have gone through its range so many times.
+/// `auto` wants the height to have gone through its range so many times, …
 const LEAST_TRAVELS: f64 = 2.5;
+/// … where a turn back by less than this share of the range is bobbing, which many frames would add up.
+const LEAST_TURN: f64 = 0.2;
 /// `auto` wants held-out frames to be foretold better by this.
 const LEAST_IMPROVEMENT: f64 = 0.02;
 
@@ -49,9 +51,22 @@ fn altitude_recurs(samples: &Samples<'_>) -> bool {
     let mut by_time: Vec<(i64, f64)> = samples.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
     by_time.sort_by_key(|(t, _)| *t);
     let heights: Vec<f64> = by_time.iter().map(|(_, h)| *h).collect();
-    let span = robust::quantile(&heights, 0.95) - robust::quantile(&heights, 0.05);
-    let travelled: f64 = heights.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
-    travelled > LEAST_TRAVELS * span
+    travels(&heights) > LEAST_TRAVELS
+}
+
+/// How many times a height goes through its range.
+fn travels(heights: &[f64]) -> f64 {
+    let span = robust::quantile(heights, 0.95) - robust::quantile(heights, 0.05);
+    // The height follows slowly, as a gear with play does.
+    let play = LEAST_TURN / 2.0 * span;
+    let mut at = heights.first().copied().unwrap_or_default();
+    let mut travelled = 0.0;
+    for height in heights {
+        let next = at.clamp(height - play, height + play);
+        travelled += (next - at).abs();
+        at = next;
+    }
+    travelled / (span - 2.0 * play)
 }
 
 fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
@@ -78,4 +93,18 @@ fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
     };
     let places = Drift { places: times.iter().map(place).collect(), nodes: intervals + 1, joined: joined.collect() };
     Some(FoundDrift { stamps: stamps.into_iter().map(Stamp).collect(), places })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bobbing_climb_goes_through_its_range_once() {
+        let climb = |frames: u32| (0..frames).map(move |i| 1.5 + 1.5 * f64::from(i) / f64::from(frames) + 0.02 * (f64::from(i) * 1.3).sin());
+        let of = |frames: u32| travels(&climb(frames).collect::<Vec<_>>());
+        assert!(of(40) < 1.5 && of(400) < 1.5, "{} and {}", of(40), of(400));
+        let swing: Vec<f64> = (0..200).map(|i| 2.2 + 0.7 * (f64::from(i) / 200.0 * 12.0).sin()).collect();
+        assert!(travels(&swing) > 3.0, "{}", travels(&swing));
+    }
 }

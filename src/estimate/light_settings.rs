@@ -1,11 +1,15 @@
 //! Exposure, gain and strobe power that change along the log (G of Eq. 10): which channels the pictures follow, and how.
 //!
 //! No driver says in its message whether its gain is a factor or counts decibels, nor whether a camera obeyed. The
-//! pictures do: from one frame to the next, points seen in both change by the ratio of the settings. Each channel is
-//! tried under both laws, and the one that explains most is taken, until none explains more. In: settings per
-//! frame. Out: the laws, and each frame's log gain.
+//! pictures do: from one frame to the next, points seen in both change by the ratio of the settings, beside what the
+//! step in height changes. Each channel is tried under both laws, and the one that explains most is taken, until none
+//! explains more. An exposure that follows the height itself, as a camera's own control does, leaves the pictures no
+//! say: such a channel is believed unless they contradict it. In: settings per frame. Out: the laws, and each frame's
+//! log gain.
 
 use std::collections::BTreeMap;
+
+use nalgebra::{Matrix2, Vector2};
 
 use super::robust;
 use super::samples::FrameSamples;
@@ -14,8 +18,14 @@ use crate::model::LightLaw;
 
 /// Points that two frames must share for their light to be compared by them; else their means are.
 const LEAST_SHARED: usize = 10;
-/// A setting must explain this share of the mean change from frame to frame.
+/// A setting must explain this share of the mean change from frame to frame that height does not, …
 const LEAST_EXPLAINED: f64 = 0.2;
+/// … but one that height explains, to this share, must only …
+const OF_HEIGHT: f64 = 0.3;
+/// … not contradict the pictures by more than this.
+const MOST_CONTRADICTED: f64 = 0.05;
+/// Fewer changes hold no slopes beside a setting.
+const LEAST_CHANGES: usize = 8;
 
 /// A channel that the frames follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,39 +38,73 @@ pub struct FollowedSetting {
     pub reference: f64,
 }
 
+/// What changes from one frame to the next.
+struct Change {
+    /// their indices
+    frames: (usize, usize),
+    /// mean over bands
+    log_light: f64,
+    /// of the camera over the floor [m], and the log of it
+    height: [f64; 2],
+}
+
 /// Which settings (each a number per frame) the frames follow.
 pub fn followed(frames: &[FrameSamples], tracks: &[Track], settings: &[Vec<f64>]) -> Vec<FollowedSetting> {
-    let mut changes = changes(frames, tracks);
+    if settings.is_empty() { Vec::new() } else { followed_by(changes(frames, tracks), settings) }
+}
+
+fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedSetting> {
     let mut found: Vec<FollowedSetting> = Vec::new();
     loop {
-        let unexplained = mean_size(&changes);
+        let unexplained = beside_height(&changes, |c| c.log_light);
         let mut best: Option<(f64, FollowedSetting, Vec<f64>)> = None;
         for (index, values) in settings.iter().enumerate().filter(|(i, _)| found.iter().all(|f| f.index != *i)) {
             for law in [LightLaw::Factor, LightLaw::Decibel] {
-                let Some(logs) = values.iter().map(|v| law.log_light(*v)).collect::<Option<Vec<f64>>>() else { continue };
-                let left: Vec<f64> = changes.iter().map(|(a, b, change)| change - (logs[*b] - logs[*a])).collect();
-                let size = robust::mean_size(&left);
-                if best.as_ref().is_none_or(|b| size < b.0) {
-                    best = Some((size, FollowedSetting { index, law, reference: robust::median(values) }, left));
+                let logs: Option<Vec<f64>> = values.iter().map(|v| law.log_light(*v).filter(|l| l.is_finite())).collect();
+                let Some(logs) = logs else { continue };
+                let step = |c: &Change| logs[c.frames.1] - logs[c.frames.0];
+                let size = beside_height(&changes, |c| c.log_light - step(c));
+                let whole = robust::mean_size(&changes.iter().map(step).collect::<Vec<_>>());
+                let is_of_height = whole > 0.0 && changes.len() >= LEAST_CHANGES && beside_height(&changes, step) < OF_HEIGHT * whole;
+                let allowed = if is_of_height { 1.0 + MOST_CONTRADICTED } else { 1.0 - LEAST_EXPLAINED };
+                if size < allowed * unexplained && best.as_ref().is_none_or(|b| size < b.0) {
+                    best = Some((size, FollowedSetting { index, law, reference: robust::median(values) }, logs));
                 }
             }
         }
-        match best {
-            Some((size, setting, left)) if size < (1.0 - LEAST_EXPLAINED) * unexplained => {
-                changes.iter_mut().zip(left).for_each(|(c, left)| c.2 = left);
-                found.push(setting);
-            }
-            _ => return found,
-        }
+        let Some((_, setting, logs)) = best else { return found };
+        changes.iter_mut().for_each(|c| c.log_light -= logs[c.frames.1] - logs[c.frames.0]);
+        found.push(setting);
     }
 }
 
-fn mean_size(changes: &[(usize, usize, f64)]) -> f64 {
-    robust::mean_size(&changes.iter().map(|c| c.2).collect::<Vec<_>>())
+/// Rounds of reweighting.
+const ROUNDS: usize = 4;
+
+/// Mean size of what of a change is left when slopes over height and log height are taken out, by least squares, strays
+/// (a strobe that failed) weighing less.
+fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
+    let values: Vec<f64> = changes.iter().map(of).collect();
+    if changes.len() < LEAST_CHANGES {
+        return robust::mean_size(&values);
+    }
+    let mut left = values.clone();
+    for _ in 0..ROUNDS {
+        let scale = robust::scale(&left);
+        let (mut normal, mut right) = (Matrix2::identity() * 1e-12, Vector2::zeros());
+        for ((change, value), left) in changes.iter().zip(&values).zip(&left) {
+            let (row, weight) = (Vector2::from(change.height), robust::cauchy(*left, scale));
+            normal += row * row.transpose() * weight;
+            right += row * *value * weight;
+        }
+        let Some(slopes) = normal.cholesky().map(|c| c.solve(&right)) else { break };
+        left = changes.iter().zip(&values).map(|(c, v)| v - slopes.dot(&Vector2::from(c.height))).collect();
+    }
+    robust::mean_size(&left)
 }
 
-/// Neighbouring frames and the change of log light between them.
-fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<(usize, usize, f64)> {
+/// From neighbour to neighbour.
+fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
     let mut shared: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for track in tracks {
         for pair in track.windows(2).filter(|p| p[1].frame == p[0].frame + 1) {
@@ -74,8 +118,45 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<(usize, usize, f64)
             let log_mean = |f: &FrameSamples| (0..f.bands).map(|b| f.mean_light[b].max(1e-9).ln()).sum::<f64>() / f.bands as f64;
             log_mean(&frames[a + 1]) - log_mean(&frames[a])
         };
-        let change = shared.get(&a).filter(|s| s.len() >= LEAST_SHARED).map_or_else(by_mean, |s| robust::median(s));
-        (a, a + 1, change)
+        let log_light = shared.get(&a).filter(|s| s.len() >= LEAST_SHARED).map_or_else(by_mean, |s| robust::median(s));
+        let (before, after) = (frames[a].camera_altitude_m, frames[a + 1].camera_altitude_m);
+        Change { frames: (a, a + 1), log_light, height: [after - before, (after / before).ln()] }
     };
     (0..frames.len().saturating_sub(1)).map(of_pair).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A swing between 1.5 and 3 m; what the camera's settings were, whether it obeyed them.
+    fn dive(setting: impl Fn(usize, f64) -> f64, obeyed: bool) -> Vec<FollowedSetting> {
+        let height = |i: usize| 2.25 + 0.75 * (i as f64 * 0.35).sin();
+        let by_height = |i: usize| -0.46 * height(i) - 2.0 * height(i).ln();
+        let log_set: Vec<f64> = (0..40).map(|i| setting(i, by_height(i))).collect();
+        let noise = |i: usize| 0.02 * ((i * 7919 % 101) as f64 / 50.0 - 1.0);
+        let change = |i: usize| {
+            let obeyed = if obeyed { log_set[i + 1] - log_set[i] } else { 0.0 };
+            let log_light = by_height(i + 1) - by_height(i) + obeyed + noise(i);
+            Change { frames: (i, i + 1), log_light, height: [height(i + 1) - height(i), (height(i + 1) / height(i)).ln()] }
+        };
+        let values = log_set.iter().map(|l| 800.0 * l.exp()).collect();
+        followed_by((0..39).map(change).collect(), &[values])
+    }
+
+    #[test]
+    fn a_camera_that_sets_itself_by_what_it_sees_is_followed() {
+        for share in [1.0, 0.5, 0.15] {
+            let found = dive(|_, light| -share * light, true);
+            assert!(matches!(found.as_slice(), [FollowedSetting { law: LightLaw::Factor, .. }]), "{share}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn settings_at_random_are_followed_where_the_camera_obeys() {
+        let at_random = |i: usize, _: f64| (i * 31 % 17) as f64 / 17.0;
+        assert_eq!(dive(at_random, true).len(), 1);
+        assert_eq!(dive(at_random, false).len(), 0);
+        assert_eq!(dive(|_, _| 0.0, true).len(), 0, "a setting that never changes says nothing");
+    }
 }

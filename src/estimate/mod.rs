@@ -77,8 +77,8 @@ pub struct Samples<'s> {
     pub body_from_optical: Transform<Body, Optical>,
     /// where the light sits
     pub lamps: Lamps,
-    /// whether that came from these samples themselves
-    pub strobe_is_found: bool,
+    /// whether nobody measured that: it came from these samples themselves, or is a guess
+    pub strobe_is_free: bool,
     /// what the water scatters back, which has been taken off the colours, and the tracks before it was
     pub glow: Option<(&'s FoundBackscatter, &'s [Track])>,
     /// nodes of α in time
@@ -89,7 +89,7 @@ pub struct Samples<'s> {
 
 impl<'s> Samples<'s> {
     fn plain(frames: &'s [FrameSamples], tracks: &'s [Track], body_from_optical: Transform<Body, Optical>, lamps: Lamps) -> Self {
-        Self { frames, tracks, body_from_optical, lamps, strobe_is_found: false, glow: None, drift: None, unmodelled_glow: None }
+        Self { frames, tracks, body_from_optical, lamps, strobe_is_free: false, glow: None, drift: None, unmodelled_glow: None }
     }
 
     /// A sight's ray: x/z, y/z in the image plane, and ℓ_s [m].
@@ -241,7 +241,7 @@ pub fn understand(
     let raw_tracks = tracks;
     let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
     let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps);
-    (all.strobe_is_found, all.glow) = (strobe.source.is_some(), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
+    (all.strobe_is_free, all.glow) = (strobe.source.is_some() || (!given.1 && can_tell), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
     all.unmodelled_glow = unmodelled;
     let estimated = || {
         let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
@@ -268,7 +268,11 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     let said: Vec<_> = each(estimators.to_vec(), |(name, run)| (name, run(samples, nodes, config)));
     for (name, said) in said {
         match said {
-            Ok(candidate) => {
+            Ok(mut candidate) => {
+                // The paper's estimators take the seafloor's own pattern for the beam's: the joint solve shows by how much.
+                if let Some(joint) = answers.get("joint") {
+                    candidate.less_sure_by(joint);
+                }
                 answers.insert(name.into(), candidate.answer.clone());
                 found.insert(name, candidate);
             }
@@ -289,6 +293,9 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
         let remedy = "use a model from another stretch or dive of the same water and strobe: --model MODEL.json".into();
         return Err(Error::NotEstimated { reason, remedy });
     };
-    let not_identified_because = not_identified(&candidate, samples, config);
+    // The others know of neither scattered light nor drop-outs, and where points abound the joint solve fails for a reason.
+    let without_joint = || answers.get("joint")?.note.clone().filter(|_| samples.tracks.len() >= config.least_pairs);
+    let stands_in = if config.estimator == Estimator::Auto && estimator != "joint" { without_joint() } else { None };
+    let not_identified_because = not_identified(&candidate, samples, config).or(stands_in.map(|why| format!("the joint solve failed ({why})")));
     Ok(Estimate { model: candidate.model, attenuation_std_per_m: candidate.std_per_m, estimator, answers, not_identified_because })
 }

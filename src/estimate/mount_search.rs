@@ -139,7 +139,7 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
             }
         };
         let mut places: Vec<Place<'_>> = (0..3).map(|k| Place { step: [0.02, 0.005, 0.005][k], path: Box::new(moved(k)) }).collect();
-        if samples.strobe_is_found {
+        if samples.strobe_is_free {
             places.extend(strobe_places(mount, &paths));
         }
         problem.place_step(&some, &places, &solution)
@@ -154,6 +154,6 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
         turn_std_rad: [std.y, std.z],
         residual: [first, residual],
         turn_is_attitudes: samples.frames.iter().filter(|f| f.is_level_assumed).count() * 2 > samples.frames.len(),
-        at_least: samples.strobe_is_found,
+        at_least: samples.strobe_is_free,
     })
 }

@@ -10,15 +10,23 @@
 //! hits are turned by the attitude where there is one, and the plane's height may change and curve in time
 //! (without the curve, α is off by +0.002 per metre where a robot swings up and down in 24 s).
 //! Where there is no attitude the slopes may, too. Normal equations in centred coordinates: as good as SVD on
-//! the symmetric four-beam layout, and steadier. In: pings, attitude, mounts. Out: n·x = d in body space [m].
+//! the symmetric four-beam layout, and steadier. A return that the others contradict grossly (an echo that came twice,
+//! a fish) is left out. In: pings, attitude, mounts. Out: n·x = d in body space [m].
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Vector3};
 
 use super::relief::{Relief, Way, foretold, heights, is_worth_it};
 use crate::config::{SeafloorConfig, Switch};
 use crate::spaces::{Body, Direction, Point};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
+
+/// A return is gross where the others contradict it by this share of the height, and …
+const GROSS_SHARE: f64 = 0.15;
+/// … by so many times their own spread.
+const GROSS_SCALES: f64 = 6.0;
+/// More than this share of the returns is not left out, nor more in number: then it is the floor.
+const MOST_GROSS: (f64, usize) = (0.25, 16);
 
 /// Frames at which the relief is tried.
 const RELIEF_FRAMES: usize = 40;
@@ -232,10 +240,84 @@ fn in_time(heights: &[(f64, f64)]) -> Option<(f64, f64)> {
     }
     let design = DMatrix::from_fn(heights.len(), powers, |i, j| heights[i].1.powi(j as i32));
     let observed = DVector::from_iterator(heights.len(), heights.iter().map(|h| h.0));
-    let solution = (design.transpose() * &design).cholesky()?.solve(&(design.transpose() * &observed));
-    let spare = heights.len() - powers;
-    let left_over = (&observed - &design * &solution).norm_squared();
-    Some((solution[0], if spare > 0 { (left_over / spare as f64).sqrt() } else { f64::NAN }))
+    let fitted = Fitted::without_gross(&design, &observed, median(&heights.iter().map(|h| h.0.abs()).collect::<Vec<_>>()))?;
+    Some((fitted.solution[0], fitted.residual_m))
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Heights by least squares.
+struct Fitted {
+    solution: DVector<f64>,
+    /// of each height
+    residuals: DVector<f64>,
+    /// root mean square of what is left over [m]; NaN where nothing is
+    residual_m: f64,
+    /// heights used
+    used: usize,
+}
+
+impl Fitted {
+    /// Least squares over all rows but `left_out`.
+    fn new(design: &DMatrix<f64>, heights: &DVector<f64>, left_out: &[usize]) -> Option<(Self, Cholesky<f64, Dyn>)> {
+        let (mut normal, mut right) = (design.transpose() * design, design.transpose() * heights);
+        for i in left_out {
+            let row = design.row(*i).transpose();
+            normal -= &row * row.transpose();
+            right -= row * heights[*i];
+        }
+        let normal = normal.cholesky()?;
+        let solution = normal.solve(&right);
+        let residuals = heights - design * &solution;
+        let used = heights.len() - left_out.len();
+        let squares: f64 = residuals.norm_squared() - left_out.iter().map(|i| residuals[*i].powi(2)).sum::<f64>();
+        let spare = used.saturating_sub(design.ncols());
+        let residual_m = if spare > 0 { (squares.max(0.0) / spare as f64).sqrt() } else { f64::NAN };
+        Some((Self { solution, residuals, residual_m, used }, normal))
+    }
+
+    /// The same without the returns that the others contradict, the worst first; `height_m` is what gross is measured by.
+    fn without_gross(design: &DMatrix<f64>, heights: &DVector<f64>, height_m: f64) -> Option<Self> {
+        let mut left_out: Vec<usize> = Vec::new();
+        let mut now = Self::new(design, heights, &[])?;
+        let mut accepted = 0;
+        // How far a return is from what the others alone would say.
+        let apart = |(fitted, normal): &(Self, Cholesky<f64, Dyn>), i: usize| {
+            let row = design.row(i).transpose();
+            fitted.residuals[i].abs() / (1.0 - row.dot(&normal.solve(&row))).max(1e-6)
+        };
+        let most = MOST_GROSS.1.min((heights.len() as f64 * MOST_GROSS.0) as usize);
+        // With fewer than two to spare the others say nothing of the worst.
+        while left_out.len() < most && now.0.used >= design.ncols() + 2 {
+            let mut kept: Vec<(f64, usize)> = (0..heights.len()).filter(|i| !left_out.contains(i)).map(|i| (apart(&now, i), i)).collect();
+            kept.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let (worst_m, worst) = kept[0];
+            if worst_m < GROSS_SHARE * height_m {
+                break;
+            }
+            left_out.push(worst);
+            let Some(without) = Self::new(design, heights, &left_out) else { break };
+            // One may hide behind another: whether they are strays is seen when all are gone.
+            let others: Vec<f64> = kept[1..].iter().map(|(_, i)| without.0.residuals[*i].abs()).collect();
+            let stray_m = (GROSS_SHARE * height_m).max(GROSS_SCALES * 1.4826 * median(&others));
+            let are_strays = left_out.iter().all(|i| without.0.residuals[*i].abs() > stray_m);
+            // Without another one the rest must not agree as well: of two that contradict each other nobody can say which is wrong.
+            let agrees = |rival: &(f64, usize)| {
+                let instead: Vec<usize> = left_out.iter().copied().filter(|i| *i != worst).chain([rival.1]).collect();
+                Self::new(design, heights, &instead).is_some_and(|(fitted, _)| fitted.residual_m < 2.0 * without.0.residual_m + 0.01 * height_m)
+            };
+            let is_certain = !kept[1..].iter().take_while(|rival| rival.0 > GROSS_SHARE * height_m).any(agrees);
+            now = without;
+            if are_strays && is_certain {
+                accepted = left_out.len();
+            }
+        }
+        Self::new(design, heights, &left_out[..accepted]).map(|(fitted, _)| fitted)
+    }
 }
 
 /// Mean direction of all beams, also the lost ones: the instrument's axis in body space.
@@ -279,20 +361,18 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
     };
     let design = DMatrix::from_fn(local.len(), columns.len(), |i, j| columns[j](&local[i]));
     let heights = DVector::from_iterator(local.len(), local.iter().map(|p| p[2]));
-    let normal_matrix = design.transpose() * &design;
-    let solution = normal_matrix.cholesky()?.solve(&(design.transpose() * &heights));
-    let residuals = &heights - &design * &solution;
-    let (offset, a, b) = (solution[0], solution[1], solution[2]);
+    let along_axis: Vec<f64> = hits.iter().map(|h| axis.dot(&h.at)).collect();
+    let fitted = Fitted::without_gross(&design, &heights, median(&along_axis))?;
+    let (offset, a, b) = (fitted.solution[0], fitted.solution[1], fitted.solution[2]);
     // h = offset + a u + b v  ⇔  (axis − a u − b v)·(x − centre) = offset
     let normal = axis - u * a - v * b;
     let length = normal.norm();
-    let spare = local.len().saturating_sub(columns.len());
     Some(SeafloorPlane {
         normal: Direction::from_vector(normal)?,
         distance_m: (offset + normal.dot(&centre)) / length,
         support: if local.len() == 3 { Support::Exact } else { Support::LeastSquares },
-        hits: local.len(),
-        residual_m: if spare > 0 { (residuals.norm_squared() / spare as f64).sqrt() } else { f64::NAN },
+        hits: fitted.used,
+        residual_m: fitted.residual_m,
         nearest_ping_s: 0.0,
     })
 }
@@ -300,6 +380,36 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Pings of four beams 25° off the axis, over a floor that slopes by 5° and 2 m below; one return may come twice as far.
+    fn four_beams(pings: u32, wrong: &[(u32, usize)]) -> Vec<Hit> {
+        let hit = |ping: u32, beam: usize| {
+            let turn = std::f64::consts::FRAC_PI_2 * beam as f64 + 0.4;
+            let direction = Vector3::new(25f64.to_radians().sin() * turn.cos(), 25f64.to_radians().sin() * turn.sin(), 25f64.to_radians().cos());
+            let range_m = 2.0 / (direction.z + 5f64.to_radians().tan() * direction.x);
+            let times = if wrong.contains(&(ping, beam)) { 2.0 } else { 1.0 };
+            Hit { at: direction * range_m * times, offset_s: f64::from(ping) - f64::from(pings) / 2.0 + 0.5 }
+        };
+        (0..pings).flat_map(|ping| (0..4).map(move |beam| hit(ping, beam))).collect()
+    }
+
+    #[test]
+    fn an_echo_that_came_twice_is_left_out() {
+        let truth = Vector3::new(5f64.to_radians().tan(), 0.0, 1.0).normalize();
+        let tilt_deg = |hits: &[Hit]| {
+            let plane = fit(hits, Vector3::z(), true).expect("a plane");
+            (plane.normal.vector().dot(&truth).min(1.0).acos().to_degrees(), plane.hits)
+        };
+        for wrong in [&[][..], &[(1, 2)], &[(0, 0)], &[(2, 1), (2, 2)], &[(1, 0), (3, 0)]] {
+            let (off_deg, used) = tilt_deg(&four_beams(5, wrong));
+            assert!(off_deg < 0.01 && used == 20 - wrong.len(), "{wrong:?}: off by {off_deg}°, {used} used");
+        }
+        let three_beams: Vec<Hit> = four_beams(2, &[(1, 2)]).into_iter().enumerate().filter(|(i, _)| i % 4 != 3).map(|(_, hit)| hit).collect();
+        assert_eq!(tilt_deg(&three_beams).1, 6, "where nobody can say which is wrong, all are kept");
+        let heights: Vec<(f64, f64)> = (-4..4).map(|k| (if k == 1 { 4.0 } else { 2.0 }, f64::from(k) * 0.2 + 0.1)).collect();
+        let (height_m, _) = in_time(&heights).expect("a height");
+        assert!((height_m - 2.0).abs() < 1e-9, "{height_m}");
+    }
 
     /// A vehicle that bobs by a metre in twelve seconds, seen by a bare altimeter eight times a second.
     #[test]

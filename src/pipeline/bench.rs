@@ -16,7 +16,7 @@ use crate::image::decode::{Codes, Light, codes, decode};
 use crate::image::noise::Noise;
 use crate::image::{LinearImage, SensorImage};
 use crate::messages::Kind;
-use crate::model::{GlowTable, ImagingModel, LightSettingFile, ModelFile, RenderingFile};
+use crate::model::{GlowTable, ImagingModel, ModelFile, RenderingFile};
 use crate::recording::Message;
 use crate::units::Stamp;
 use crate::vehicle::Camera;
@@ -151,7 +151,7 @@ impl Bench {
         // The frame has been decoded once, so it can be again; otherwise it stays black.
         let _decoded_before = self.with_codes(&frame.message, |codes| {
             let noise = Noise::of(&codes.coding, self.light(), self.log.survey.electrons);
-            let (view, gain) = (self.view(frame), self.frame_gain(frame.stamp));
+            let (view, gain) = (self.view(frame), self.log.survey.frame_gain(&self.file, frame.stamp));
             let flat_field = self.log.survey.flat_field.as_ref();
             let frame = Frame { codes, flat_field, view: &view, gain, noise: &noise, rectified: None };
             correction.apply(&frame, |row| pixels.extend_from_slice(row));
@@ -168,15 +168,5 @@ impl Bench {
         let Kind::Picture(read) = decoder.message_type.kind else { return None };
         work(&codes(&read(&value).ok()?, self.light()).ok()?);
         Some(())
-    }
-
-    /// Light of a frame over its neighbours', as pass one found it or as settings tell.
-    fn frame_gain(&self, stamp: Stamp) -> f64 {
-        let by_setting = |s: &LightSettingFile| {
-            let series = self.log.survey.settings.iter().find(|series| (&series.topic, &series.name) == (&s.topic, &s.name))?;
-            Some(s.log_gain(series.at(stamp)?))
-        };
-        let set: f64 = self.file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
-        set * self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
     }
 }

@@ -281,6 +281,8 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
     prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
     ensure_not_corrected(&prepared, &options.config, only(options)?.as_ref())?;
+    let missing = prepared.survey.missing_settings(&file);
+    prepared.survey.warnings.extend(missing);
     let model = file.imaging_model().map_err(Error::Usage)?;
     let glow = glow_table(&model, &prepared.survey.rig, method);
     let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();

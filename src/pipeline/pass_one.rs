@@ -22,6 +22,12 @@ use crate::cores::{Threads, ordered_map};
 
 /// Frames in a row that pass one takes before it jumps on; overlap needs neighbours.
 const STRETCH: usize = 12;
+/// Frames nearer in time than this share the ground, the pings and the height, and say the same [s] …
+const STEP_S: f64 = 0.5;
+/// … but low over the ground it has soon left the picture [s of each m].
+const STEP_S_PER_M: f64 = 0.5;
+/// Frames by which interval and altitude are judged.
+const JUDGED_FRAMES: usize = 40;
 
 /// Frames that many times as far apart as neighbours may cross each other, where the ground they look at lies within this
 /// share of the altitude; so many are tried for each.
@@ -67,6 +73,42 @@ pub fn chosen_frames(altitude_m: &[f64], most: usize) -> BTreeSet<usize> {
         .collect()
 }
 
+/// How a camera quicker than the vehicle moves is thinned out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pace {
+    /// every so manieth frame may be looked at; fewer are left out where the log has few
+    step: usize,
+    /// and so many of those on is the next that a frame is matched with
+    spacing: usize,
+}
+
+impl Pace {
+    fn new(interval_s: f64, altitude_m: f64, frames: usize, most: usize) -> Self {
+        let step_s = STEP_S.min(STEP_S_PER_M * altitude_m);
+        let apart = if interval_s > 0.0 { (step_s / interval_s + 0.01) as usize } else { 1 };
+        let step = apart.min(frames / most.max(1)).max(1);
+        Self { step, spacing: (apart / step).max(1) }
+    }
+
+    fn of(survey: &Survey, config: &Config, most: usize) -> Self {
+        let frames = &survey.frames;
+        let mut stamps: Vec<i64> = frames.iter().map(|f| f.stamp.0).collect();
+        stamps.sort_unstable();
+        let mut steps_s: Vec<f64> = stamps.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
+        let judged = frames.iter().step_by(frames.len().div_ceil(JUDGED_FRAMES).max(1));
+        let mut altitudes_m: Vec<f64> = judged.map(|f| altitude_m(survey, config, f)).filter(|a| a.is_finite()).collect();
+        let median = |values: &mut Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+        };
+        Self::new(median(&mut steps_s), median(&mut altitudes_m), frames.len(), most)
+    }
+}
+
+fn altitude_m(survey: &Survey, config: &Config, frame: &FrameRef) -> f64 {
+    survey.pings.seafloor(frame.stamp, &survey.rig, &config.seafloor).map_or(f64::NAN, |plane| plane.distance_m)
+}
+
 /// Takes samples of `most` frames at most and matches neighbours.
 ///
 /// # Errors
@@ -80,15 +122,13 @@ pub fn collect(
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Collected> {
+    let pace = Pace::of(survey, config, most);
+    let offered: Vec<&FrameRef> = survey.frames.iter().step_by(pace.step).collect();
     // Where all are taken, nobody asks how high they are.
-    let altitude_m = |frame: &FrameRef| {
-        let plane = survey.pings.seafloor(frame.stamp, &survey.rig, &config.seafloor);
-        plane.map_or(f64::NAN, |plane| plane.distance_m)
-    };
-    let is_all = survey.frames.len() <= most;
-    let altitudes: Vec<f64> = survey.frames.iter().map(|frame| if is_all { f64::NAN } else { altitude_m(frame) }).collect();
-    let chosen = chosen_frames(&altitudes, most);
-    let mut collected = Collected { is_all, ..Collected::default() };
+    let are_all = offered.len() <= most;
+    let altitudes: Vec<f64> = offered.iter().map(|frame| if are_all { f64::NAN } else { altitude_m(survey, config, frame) }).collect();
+    let chosen: BTreeSet<usize> = chosen_frames(&altitudes, most).into_iter().map(|place| place * pace.step).collect();
+    let mut collected = Collected { is_all: chosen.len() == survey.frames.len(), ..Collected::default() };
     progress.begin(Step::Estimate, chosen.len());
     let wants_average = config.render.method.needs_mean_frames();
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
@@ -121,7 +161,7 @@ pub fn collect(
     })?;
     progress.end();
     if with_keypoints {
-        collected.pairs = matched(&collected.frames, survey, config, threads, progress)?;
+        collected.pairs = matched(&collected.frames, survey, config, pace, threads, progress)?;
     }
     Ok(collected)
 }
@@ -137,7 +177,7 @@ fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Confi
 }
 
 /// Frames far apart in time that look at the same ground, by the way of the instrument: crossing tracks, return legs.
-fn crossings(frames: &[FrameSamples], survey: &Survey, config: &Config) -> Vec<(usize, usize)> {
+fn crossings(frames: &[FrameSamples], survey: &Survey, nearest: usize) -> Vec<(usize, usize)> {
     let looked_at = |f: &FrameSamples| {
         if f.grid.is_empty() {
             return None;
@@ -154,7 +194,7 @@ fn crossings(frames: &[FrameSamples], survey: &Survey, config: &Config) -> Vec<(
     };
     let mut found = Vec::new();
     for a in 0..frames.len() {
-        let later = (a + 1..frames.len()).filter(|b| frames[*b].frame - frames[a].frame > CROSSING_FRAMES * config.matching.neighbours);
+        let later = (a + 1..frames.len()).filter(|b| frames[*b].frame - frames[a].frame > CROSSING_FRAMES * nearest);
         let mut of_frame: Vec<(f64, usize)> = later.filter_map(|b| Some((apart(a, b)?, b))).collect();
         of_frame.sort_by(|x, y| x.0.total_cmp(&y.0));
         found.extend(of_frame.into_iter().take(CROSSINGS_PER_FRAME).map(|(_, b)| (a, b)));
@@ -162,11 +202,21 @@ fn crossings(frames: &[FrameSamples], survey: &Survey, config: &Config) -> Vec<(
     found
 }
 
-fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &Threads, progress: &dyn Progress) -> Result<Vec<MatchedPair>> {
-    let neighbours = (0..frames.len()).flat_map(|a| (a + 1..frames.len().min(a + 1 + config.matching.neighbours)).map(move |b| (a, b)));
+fn matched(
+    frames: &[FrameSamples],
+    survey: &Survey,
+    config: &Config,
+    Pace { step, spacing }: Pace,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Vec<MatchedPair>> {
+    let neighbours = config.matching.neighbours;
+    let later = |a: usize| (1..=neighbours).map(move |n| a + n * spacing).filter(|b| *b < frames.len());
+    let near = (0..frames.len()).flat_map(|a| later(a).map(move |b| (a, b)));
     // Frames of one stretch are neighbours; the last of one and the first of the next are not.
-    let near = neighbours.filter(|(a, b)| frames[*b].frame - frames[*a].frame <= config.matching.neighbours);
-    let near: Vec<(usize, usize)> = near.chain(crossings(frames, survey, config)).collect();
+    let farthest = neighbours * spacing * step;
+    let near = near.filter(|(a, b)| frames[*b].frame - frames[*a].frame <= farthest);
+    let near: Vec<(usize, usize)> = near.chain(crossings(frames, survey, farthest)).collect();
     progress.begin(Step::Match, near.len());
     let camera = &survey.rig.camera;
     let reduction = config.matching.reduction(camera.width, camera.height) as f64;
@@ -197,6 +247,15 @@ fn matched(frames: &[FrameSamples], survey: &Survey, config: &Config, threads: &
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_quick_camera_is_thinned_out_where_the_log_is_long() {
+        assert_eq!(Pace::new(1.0, 2.0, 4000, 60), Pace { step: 1, spacing: 1 });
+        assert_eq!(Pace::new(1.0 / 30.0, 2.0, 40_000, 60), Pace { step: 15, spacing: 1 });
+        assert_eq!(Pace::new(0.1, 0.3, 4000, 60), Pace { step: 1, spacing: 1 });
+        assert_eq!(Pace::new(0.1, 2.0, 400, 400), Pace { step: 1, spacing: 5 }, "all are looked at, those apart are matched");
+        assert_eq!(Pace::new(f64::NAN, 2.0, 1, 60), Pace { step: 1, spacing: 1 });
+    }
 
     #[test]
     fn stretches_are_spread_and_bounded() {

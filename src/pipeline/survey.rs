@@ -17,6 +17,7 @@ use crate::image::noise::Electrons;
 use crate::image::response::Response;
 use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
+use crate::model::{LightSettingFile, ModelFile};
 use crate::recording::Recording;
 use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
@@ -66,7 +67,7 @@ pub struct Survey {
     pub response: Option<Response>,
     /// the sensor's electrons, as far as the rig file tells
     pub electrons: Electrons,
-    /// settings of camera and strobe that change along the log
+    /// settings of camera and strobe along the log
     pub settings: Vec<SettingSeries>,
     /// mounts and calibration
     pub rig: Rig,
@@ -74,6 +75,29 @@ pub struct Survey {
     pub remarks: Vec<String>,
     /// what may make the result worse
     pub warnings: Vec<String>,
+}
+
+impl Survey {
+    /// What a setting that a model names was along this log, where it is told.
+    fn setting(&self, of: &LightSettingFile) -> Option<&SettingSeries> {
+        self.settings.iter().find(|series| (&series.topic, &series.name) == (&of.topic, &of.name))
+    }
+
+    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
+    pub fn frame_gain(&self, file: &ModelFile, stamp: Stamp) -> f64 {
+        let by_setting = |s: &LightSettingFile| Some(s.log_gain(self.setting(s)?.at(stamp)?));
+        let set: f64 = file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
+        set * file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
+    }
+
+    /// Settings that a model counts on and this log does not tell, a sentence each.
+    pub fn missing_settings(&self, file: &ModelFile) -> Vec<String> {
+        let missing = file.light_settings.iter().filter(|s| self.setting(s).is_none_or(|series| series.values.is_empty()));
+        let said = |s: &LightSettingFile| {
+            format!("the model takes {} of {} off, which this log does not tell: pictures may be too bright or too dark by a factor", s.name, s.topic)
+        };
+        missing.map(said).collect()
+    }
 }
 
 /// A channel whose clock is this far from the camera's is not on the same clock [s].
@@ -264,7 +288,7 @@ fn flat_field(
     Ok(Some(FlatField::from_fn(width, height, |u, v| camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.share(x, y)))))
 }
 
-/// What camera and strobe were set to, where it changes.
+/// What camera and strobe were set to.
 fn settings(recording: &Recording, scan: &Scan) -> Vec<SettingSeries> {
     let mut found = Vec::new();
     for (id, channel) in &scan.channels {
@@ -276,7 +300,6 @@ fn settings(recording: &Recording, scan: &Scan) -> Vec<SettingSeries> {
             found.push(SettingSeries::new(topic(recording, *id), name.into(), values));
         }
     }
-    found.retain(SettingSeries::varies);
     found
 }
 

@@ -24,12 +24,6 @@ impl SettingSeries {
         Self { topic, name, values }
     }
 
-    /// Whether it ever changes.
-    pub fn varies(&self) -> bool {
-        let (least, most) = self.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), (_, v)| (l.min(*v), m.max(*v)));
-        most - least > 1e-3 * most.abs().max(least.abs())
-    }
-
     /// The setting of a frame: the one of its own moment, else the last before it, else the first of all.
     pub fn at(&self, stamp: Stamp) -> Option<f64> {
         let after = self.values.partition_point(|(s, _)| *s < stamp);
@@ -51,7 +45,6 @@ mod tests {
     fn a_frame_has_the_setting_of_its_moment_or_the_last_one() {
         let at = |s: f64| Stamp((s * 1e9) as i64);
         let series = SettingSeries::new("/camera/gain".into(), "value".into(), vec![(at(1.0), 2.0), (at(2.0), 4.0), (at(0.0), 1.0)]);
-        assert!(series.varies());
         assert_eq!([0.5, 0.97, 1.03, 1.9, 9.0, -1.0].map(|s| series.at(at(s))), [1.0, 2.0, 2.0, 2.0, 4.0, 1.0].map(Some));
     }
 }

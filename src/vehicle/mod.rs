@@ -9,6 +9,7 @@ mod lamps;
 mod light_setting;
 mod ping;
 mod rig;
+mod rig_file_check;
 
 pub use attitude::AttitudeTrack;
 pub use camera::{Calibration, Camera, Distortion, LensModel};

@@ -55,7 +55,6 @@ const SCATTER_POINTS: usize = 24;
 const COARSE_PX: usize = 8; // backscatter is computed every so many pixels, bilinear between
 // Nanoseconds: the first frame's stamp, all else after it. The sensors run on for a second after the last frame.
 const FIRST_FRAME_NS: i64 = 1_760_000_000_123_456_789;
-const FRAME_NS: i64 = 1_000_000_000;
 const PING_NS: (i64, i64) = (-937_000_000, 201_300_000); // start, period
 const IMU_NS: (i64, i64) = (-989_000_000, 50_000_000);
 
@@ -79,7 +78,7 @@ pub enum DvlType {
 /// A dive to render. Every field is a known truth or a known fault.
 #[derive(Clone, Debug)]
 pub struct Dive {
-    pub seed: u64, pub frames: usize,
+    pub seed: u64, pub frames: usize, pub frames_per_s: f64,
     pub width: usize, pub height: usize, pub focal_px: f64,
     pub distortion: [f64; 5],        // plumb_bob: k1, k2, p1, p2, k3
     pub attenuation_per_m: [f64; 3], // R G B, at mid-dive
@@ -105,7 +104,7 @@ pub struct Dive {
 impl Default for Dive {
     fn default() -> Self {
         Self {
-            seed: 1, frames: 24, width: 384, height: 288, focal_px: 460.0, distortion: [0.0; 5],
+            seed: 1, frames: 24, frames_per_s: 1.0, width: 384, height: 288, focal_px: 460.0, distortion: [0.0; 5],
             attenuation_per_m: [0.45, 0.14, 0.10], attenuation_drift: 0.0, altitude_m: (1.5, 3.0),
             slope_deg: (2.0, 1.0), relief_m: 0.0, tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
             backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, vignetting: false, sensor: Sensor::Bayer16,
@@ -150,7 +149,7 @@ impl Dive {
         let raw = ("/camera/image_raw", "sensor_msgs/msg/Image");
         let (topic, kind) = if let Sensor::Jpeg(_) = self.sensor { compressed } else { raw };
         for (k, image) in images.into_iter().enumerate() {
-            let ns = k as i64 * FRAME_NS;
+            let ns = self.frame_ns(k);
             messages.push((ns + 40_000_000, topic, kind, image));
             messages.push((ns + 41_000_000, "/camera/camera_info", "sensor_msgs/msg/CameraInfo", self.camera_info(ns)));
         }
@@ -171,10 +170,11 @@ impl Dive {
     fn floor_normal(&self) -> V3 {
         V3::new(-self.slope_deg.0.to_radians().tan(), -self.slope_deg.1.to_radians().tan(), 1.0).normalize()
     }
+    fn frame_ns(&self, k: usize) -> i64 { (k as f64 / self.frames_per_s * 1e9) as i64 }
     /// The base in the world, `t` seconds after the first frame.
     fn pose(&self, t: f64) -> (V3, Turn) {
         let wave = |period: f64, id: u64| (TAU * (t / period + unit(hash(self.seed, id, 0)))).sin();
-        let end = (self.frames - 1) as f64;
+        let end = (self.frames - 1) as f64 / self.frames_per_s;
         let turn = TURN.0.min(0.3 * end).max(1e-3);
         let out = if self.return_leg { 0.5 * (end - turn) } else { f64::MAX };
         let heading = PI * smooth(((t - out) / turn).clamp(0.0, 1.0));
@@ -253,7 +253,7 @@ struct View {
 
 impl View {
     fn new(dive: &Dive, frame: usize) -> Self {
-        let pose = dive.pose(frame as f64);
+        let pose = dive.pose(frame as f64 / dive.frames_per_s);
         let (camera, optical) = (V3::from(CAMERA_IN_BASE), base_from_camera());
         let camera_in_world = pose.0 + pose.1 * camera;
         let age = if dive.frames > 1 { frame as f64 / (dive.frames - 1) as f64 } else { 0.5 };
@@ -372,7 +372,7 @@ impl<'a> Scene<'a> {
             reflectance.push([r.x as f32, r.y as f32, r.z as f32]);
         }
         let truth = FrameTruth {
-            stamp_ns: stamp(k as i64 * FRAME_NS),
+            stamp_ns: stamp(self.dive.frame_ns(k)),
             position: view.pose.0.into(), orientation_xyzw: view.pose.1.coords.into(),
             plane_normal_in_optical: view.plane.0.into(), plane_distance_m: view.plane.1,
             gain, reflectance, attenuation_per_m: view.attenuation.into(),
@@ -550,7 +550,7 @@ impl Dive {
             Sensor::Rgb8 | Sensor::Jpeg(_) => ("rgb8", three.map(|(i, band)| eight(noisy(i, band))).collect()),
         };
         let (width, height) = (self.width, self.height);
-        let mut cdr = Cdr::headed(frame as i64 * FRAME_NS, "camera_optical_frame");
+        let mut cdr = Cdr::headed(self.frame_ns(frame), "camera_optical_frame");
         if let Sensor::Jpeg(quality) = self.sensor {
             let mut jpeg = Vec::new();
             let encoder = jpeg_encoder::Encoder::new(&mut jpeg, quality);
@@ -564,7 +564,7 @@ impl Dive {
     }
     /// All but the pictures.
     fn navigation(&self) -> Messages {
-        let end = self.frames as i64 * FRAME_NS;
+        let end = self.frame_ns(self.frames);
         let times = |(start, step): (i64, i64)| (start..end).step_by(step as usize).enumerate();
         let mut messages = vec![(IMU_NS.0, "/tf_static", "tf2_msgs/msg/TFMessage", self.tf_static(IMU_NS.0))];
         let imu = times(IMU_NS).filter(|_| self.with_imu);
@@ -572,7 +572,7 @@ impl Dive {
         let told = |gain: f64| if self.gain_channel == Some(true) { 20.0 * gain.log10() } else { gain };
         let setting = |k: usize| { let mut cdr = Cdr::new(); cdr.f64(told(self.gain(k))); cdr.0 };
         let frames = (0..self.frames).filter(|_| self.gain_channel.is_some());
-        messages.extend(frames.map(|k| (k as i64 * FRAME_NS - 20_000_000, "/camera/gain", "std_msgs/msg/Float64", setting(k))));
+        messages.extend(frames.map(|k| (self.frame_ns(k) - 20_000_000, "/camera/gain", "std_msgs/msg/Float64", setting(k))));
         let mut altitude = -1.0;
         let dvl = if let DvlType::WaterLinked = self.dvl { "dvl_msgs/msg/DVL" } else { "marine_acoustic_msgs/msg/Dvl" };
         let mut ping = |(n, ns)| (ns + 60_000_000, "/dvl/data", dvl, self.ping(ns, n, &mut altitude));

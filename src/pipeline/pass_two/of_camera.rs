@@ -14,10 +14,9 @@ use crate::image::{Container, encode};
 use crate::messages::output::{self, OutputType, WrittenSchema};
 use crate::messages::writer::OutputWire;
 use crate::messages::{Heading, Kind, heading};
-use crate::model::{ImagingModel, LightSettingFile, ModelFile};
+use crate::model::{ImagingModel, ModelFile};
 use crate::recording::{Message, Output, Recording, Schema};
 use crate::report::{Reason, Report};
-use crate::units::Stamp;
 
 use super::super::scan::Scan;
 use super::super::survey::Survey;
@@ -155,7 +154,14 @@ impl OfCamera<'_> {
             let view = View { camera: &camera, rig: &self.survey.rig, plane: &found, relief: relief.as_ref() };
             let now = self.correction.model.at(stamp);
             let noise = Noise::of(&codes.coding, light, self.correction.electrons);
-            let frame = Frame { codes: &codes, flat_field, view: &view, gain: self.frame_gain(stamp), noise: &noise, rectified: rectified.as_ref() };
+            let frame = Frame {
+                codes: &codes,
+                flat_field,
+                view: &view,
+                gain: self.survey.frame_gain(self.file, stamp),
+                noise: &noise,
+                rectified: rectified.as_ref(),
+            };
             let mut samples = std::mem::take(&mut memory.samples);
             samples.clear();
             samples.reserve(width * height * bands * usize::from(self.config.render.depth / 8));
@@ -184,16 +190,6 @@ impl OfCamera<'_> {
         })();
         MEMORY.set(memory);
         Done { message, heading: said, plane, preview, result }
-    }
-
-    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
-    fn frame_gain(&self, stamp: Stamp) -> f64 {
-        let by_setting = |s: &LightSettingFile| {
-            let series = self.survey.settings.iter().find(|series| (&series.topic, &series.name) == (&s.topic, &s.name))?;
-            Some(s.log_gain(series.at(stamp)?))
-        };
-        let set: f64 = self.file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
-        set * self.file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
     }
 
     fn encoded(

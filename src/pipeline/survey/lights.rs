@@ -9,8 +9,22 @@ use crate::vehicle::{Lamps, MOST_LAMPS, RigFile, StrobeMount};
 /// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its turn is another
 /// convention's (x ahead) or none.
 const LEAST_AHEAD: f64 = 0.4;
-/// Words in a TF frame's name that say it is a light.
+/// Words that say of a TF frame that it is a light, alone or at the end of a longer one (`floodlights_2`), …
 const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen"];
+/// … but for these, which are short or end by chance, and …
+const WHOLE_WORDS: &[&str] = &["led", "lamp"];
+/// … not where one of these stands beside it: `ambient_light_sensor`, `flight_controller`.
+const NOT_OF_LIGHTS: &[&str] = &["sensor", "ambient", "flight", "controller"];
+
+fn is_light(frame: &str) -> bool {
+    let frame = frame.to_ascii_lowercase();
+    let words = || frame.split(|c: char| !c.is_ascii_alphabetic());
+    let says_light = |word: &str| {
+        let word = word.strip_suffix('s').unwrap_or(word);
+        LIGHT_WORDS.iter().any(|w| word == *w || (word.ends_with(w) && !WHOLE_WORDS.contains(w)))
+    };
+    words().any(says_light) && !words().any(|word| NOT_OF_LIGHTS.contains(&word))
+}
 
 pub fn strobe_mount(
     mounts: &Mounts<'_>,
@@ -26,46 +40,65 @@ pub fn strobe_mount(
         let lamps = lamps.ok_or_else(|| Error::Rig(format!("strobe.lamps takes 1 to {MOST_LAMPS} lamps with a strength above 0")))?;
         return Ok(StrobeMount { lamps, source: Some("rig file".into()) });
     }
+    let ahead =
+        |pose: &Transform<Body, Strobe>| (*pose * Direction::boresight()).vector().dot(&(body_from_optical * Direction::boresight()).vector());
     if let Some(mount) = &rig_file.strobe.mount {
-        return Ok(StrobeMount { lamps: Lamps::one(mount.transform().map_err(Error::Rig)?), source: Some("rig file".into()) });
+        let pose = mount.transform().map_err(Error::Rig)?;
+        if ahead(&pose) < LEAST_AHEAD {
+            remarks.push("by its turn in the rig file the strobe does not shine where the camera looks: its axis is z, see docs/rig.md".into());
+        }
+        return Ok(StrobeMount { lamps: Lamps::one(pose), source: Some("rig file".into()) });
     }
     let in_tf = |frame: &str| -> Option<Transform<Body, Strobe>> { mounts.pose_below(body_frame, frame).map(Transform::from_isometry) };
-    if let Some(frame) = &selection.strobe_frame {
-        let found = in_tf(frame).ok_or_else(|| Error::Usage(format!("--strobe-frame {frame}: the TF tree has {}", mounts.frames().join(", "))))?;
-        return Ok(StrobeMount { lamps: Lamps::one(found), source: Some(frame.clone()) });
-    }
-    let is_light = |name: &str| {
-        let name = name.to_ascii_lowercase();
-        LIGHT_WORDS.iter().any(|w| name.split(|c: char| !c.is_ascii_alphabetic()).any(|part| part == *w || (w.len() > 4 && part.contains(w))))
+    let frames = mounts.frames();
+    let lights: Vec<&str> = match &selection.strobe_frame {
+        Some(frame) if in_tf(frame).is_none() => {
+            return Err(Error::Usage(format!("--strobe-frame {frame}: the TF tree has {}", frames.join(", "))));
+        }
+        Some(frame) => vec![frame.as_str()],
+        None => frames.into_iter().filter(|f| is_light(f) && in_tf(f).is_some()).collect(),
     };
-    let lights: Vec<&str> = mounts.frames().into_iter().filter(|f| is_light(f) && in_tf(f).is_some()).collect();
     // `strobe_link` with `strobe_optical_frame` below it is one light, not two.
     let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
-    match (if optical.is_empty() { &lights } else { &optical }).as_slice() {
-        [] => Ok(StrobeMount { lamps: Lamps::one(Transform::from_isometry(body_from_optical.isometry())), source: None }),
-        [one] => Ok(StrobeMount { lamps: Lamps::one(in_tf(one).unwrap_or_else(Transform::identity)), source: Some((*one).into()) }),
-        several => {
-            let ahead = |pose: &Transform<Body, Strobe>| {
-                (*pose * Direction::boresight()).vector().dot(&(body_from_optical * Direction::boresight()).vector())
-            };
-            let mut mounts: Vec<(Transform<Body, Strobe>, f64)> = several.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
-            if mounts.iter().any(|(pose, _)| ahead(pose) < LEAST_AHEAD) {
-                remarks.push(
-                    "by their turn in the TF tree these lights would not shine where the camera looks; they are taken to look as it does".into(),
-                );
-                for (pose, _) in &mut mounts {
-                    let mut as_camera = body_from_optical.isometry();
-                    as_camera.translation.vector = pose.origin().vector();
-                    *pose = Transform::from_isometry(as_camera);
-                }
-            }
-            remarks.push(format!(
-                "several lights in the TF tree ({}): taken as equally strong and of one beam pattern, {} of them; name the one that shone with --strobe-frame, or strengths under [[strobe.lamps]] in a rig file",
-                several.join(", "),
-                mounts.len()
-            ));
-            let lamps = Lamps::several(&mounts).unwrap_or_else(|| Lamps::one(Transform::from_isometry(body_from_optical.isometry())));
-            Ok(StrobeMount { lamps, source: Some(several.join(" + ")) })
+    let lights = if optical.is_empty() { lights } else { optical };
+    let mut mounts: Vec<(Transform<Body, Strobe>, f64)> = lights.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
+    if mounts.iter().any(|(pose, _)| ahead(pose) < LEAST_AHEAD) {
+        remarks.push(format!(
+            "by its turn in the TF tree no light would shine from {} where the camera looks; it is taken to look as the camera does",
+            lights.join(", ")
+        ));
+        for (pose, _) in &mut mounts {
+            let mut as_camera = body_from_optical.isometry();
+            as_camera.translation.vector = pose.origin().vector();
+            *pose = Transform::from_isometry(as_camera);
+        }
+    }
+    if mounts.len() > 1 {
+        remarks.push(format!(
+            "several lights in the TF tree ({}): taken as equally strong and of one beam pattern, {} of them; name the one that shone with --strobe-frame, or strengths under [[strobe.lamps]] in a rig file",
+            lights.join(", "),
+            mounts.len()
+        ));
+    }
+    let at_camera = || Lamps::one(Transform::from_isometry(body_from_optical.isometry()));
+    let lamps = match mounts.as_slice() {
+        [(one, _)] => Lamps::one(*one),
+        several => Lamps::several(several).unwrap_or_else(at_camera),
+    };
+    Ok(StrobeMount { lamps, source: (!lights.is_empty()).then(|| lights.join(" + ")) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lights_are_told_by_their_names() {
+        for light in ["strobe_link", "strobe1", "Left_Light", "floodlights_2", "led_link", "lumens_port", "flash_optical_frame"] {
+            assert!(is_light(light), "{light}");
+        }
+        for other in ["flight_controller_link", "ambient_light_sensor_link", "lightware_link", "sled", "base_link", "clamp_link"] {
+            assert!(!is_light(other), "{other}");
         }
     }
 }
