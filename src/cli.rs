@@ -300,7 +300,7 @@ pub struct Shared {
 }
 
 /// Options of pass one.
-#[derive(Debug, Args, Default)]
+#[derive(Debug, Args, Default, PartialEq)]
 #[command(next_help_heading = "Estimating")]
 pub struct EstimateOptions {
     /// How attenuation is estimated

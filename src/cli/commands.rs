@@ -54,13 +54,29 @@ pub(super) fn say(text: &str) {
 fn correct(args: &Correct) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
     let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "corrected.mcap"));
+    if output.as_os_str() == "-" {
+        return Err(Error::Usage("a corrected log is written under another name first, and so not to stdout: name a file with -o".into()));
+    }
+    for read in [&args.model, &args.shared.rig, &args.shared.config].into_iter().flatten() {
+        crate::recording::ensure_distinct(read, &output, true)?;
+    }
     let model = model_file(args.model.as_deref())?;
+    if model.is_some() && args.estimate != EstimateOptions::default() && !args.shared.quiet {
+        complain(&["options of estimating do nothing with --model: the model says how it was made".into()], &[], 0);
+    }
     let (given, begun) = (model.is_some(), std::time::Instant::now());
     let cameras = pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
-    for (report, _) in cameras.iter().filter(|_| !args.shared.quiet) {
-        complain(&report.warnings, &report.remarks, args.shared.verbose);
+    for (report, _) in &cameras {
+        if !args.shared.quiet {
+            complain(&report.warnings, &report.remarks, args.shared.verbose);
+        }
+        // Losses are said in any case: they are why the exit status is 3.
         for damage in &report.damage {
-            eprintln!("lost: {} (byte {}, log time {} to {})", damage.reason, damage.offset, damage.start_ns, damage.end_ns);
+            let when = if damage.end_ns == 0 { "time unknown".into() } else { format!("log time {} to {}", damage.start_ns, damage.end_ns) };
+            eprintln!("lost: {} (byte {}, {when})", damage.reason, damage.offset);
+        }
+        for (reason, frames) in report.uncorrected.iter().filter(|_| args.shared.quiet) {
+            eprintln!("left as they are: {frames} of {} frames: {reason}", report.frames);
         }
         for camera in &report.cameras_left_out {
             eprintln!("left as it is: {camera}");
@@ -182,6 +198,7 @@ fn inspect(args: &Inspect) -> Result<Ended> {
     let damage = scan.damage.clone();
     let (messages, span) = (scan.messages, scan.span);
     let survey = survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
+    let survey = survey.and_then(|s| pipeline::ensure_not_corrected(&recording, &s, &options.config, None).map(|()| s));
     let (plans, missing) = match survey {
         Ok(survey) if args.clocks => each_plan(&args.input, &options, vec![survey.camera_topic], true),
         Ok(survey) => (vec![plan(&survey, &options)], Vec::new()),
@@ -284,7 +301,8 @@ fn inspect_text(d: &serde_json::Value) -> String {
         line(format!("note: {}", word(&note)));
     }
     for damage in list(&d["damage"]) {
-        line(format!("damage: {} (byte {}, log time {} to {})", word(&damage["reason"]), damage["offset"], damage["start_ns"], damage["end_ns"]));
+        let when = if damage["end_ns"] == 0 { "time unknown".into() } else { format!("log time {} to {}", damage["start_ns"], damage["end_ns"]) };
+        line(format!("damage: {} (byte {}, {when})", word(&damage["reason"]), damage["offset"]));
     }
     for plan in list(&d["plans"]) {
         let range = plan["camera_altitude_m"].as_array().map_or_else(String::new, |r| {

@@ -33,10 +33,18 @@ pub fn report(args: &ReportArgs) -> Result<Ended> {
     Ok(Ended::Done)
 }
 
+/// A picture's name says how it is written; another ending would promise what is not in it.
+fn ensure_named(output: &std::path::Path, endings: &[&str]) -> Result<()> {
+    let ending = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let is_known = ending.is_none_or(|e| endings.contains(&e.as_str()));
+    if is_known { Ok(()) } else { Err(Error::Usage(format!("{}: the picture can be written as .{}", output.display(), endings.join(" or .")))) }
+}
+
 /// `unwater compare`
 pub fn compare(args: &CompareArgs) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &RenderOptions::default())?;
     ensure_distinct(&args.input, &args.output, options.force)?;
+    ensure_named(&args.output, &["png"])?;
     let which = match (args.frame, args.at) {
         (Some(number), _) => sheet::Which::Number(number),
         (None, time) => sheet::Which::At(time.unwrap_or_default()),
@@ -54,6 +62,7 @@ pub fn compare(args: &CompareArgs) -> Result<Ended> {
 pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     let options = Options { window: window(args.start, args.end)?, ..args.run.options() };
     ensure_distinct(&args.input, &args.output, options.force)?;
+    ensure_named(&args.output, &["png", "tif", "tiff"])?;
     let asked = Asked { camera: args.camera.clone(), is_georeferenced: mosaic::is_geotiff(&args.output) };
     let laid = mosaic::mosaic(&CorrectedLog::open(&args.input, &options)?, &asked, &options)?;
     let bytes = match laid.tiff() {

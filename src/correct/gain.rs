@@ -18,6 +18,9 @@ use crate::image::demosaic::Phase;
 use crate::image::noise::Noise;
 use crate::model::BeamPattern;
 
+/// More is darkness in any case, and would be no number where it meets the cap.
+const MOST_LOG_GAIN: f32 = 60.0;
+
 /// A cell over which the gain changes by more than this factor is not interpolated.
 const STEEP: f32 = 1.1;
 /// The same for θ, φ and the logarithm of what the way took, between nodes where they are exact.
@@ -190,7 +193,7 @@ impl<'g> GainGrid<'g> {
             }
         }
         let by_beam = if removes_beam(config.method) { 1.0 } else { 0.0 };
-        let is_smooth = |row, column| (0..fields).all(|f| smooth.range(row, column, f).is_some_and(|(l, m)| f > 2 || m - l <= STEEP_SMOOTH));
+        let is_smooth = |row, column| (0..fields).all(|f| smooth.range(row, column, f).is_some_and(|(l, m)| f >= 2 + bands || m - l <= STEEP_SMOOTH));
         let mut walk = Walk::new(&smooth, columns, None);
         let mut line = vec![0f32; columns * fields];
         let mut cells = Vec::new();
@@ -208,7 +211,7 @@ impl<'g> GainGrid<'g> {
                 let angles = StrobeAngles { theta_rad: f64::from(at[0]), phi_rad: f64::from(at[1]) };
                 let (log_beam, seen) = model.beam_pattern.read(angles);
                 let log_beam = by_beam * log_beam as f32;
-                let removed = std::array::from_fn(|b| if b < bands { (-log_beam - at[2 + b]).exp() } else { 0.0 });
+                let removed = std::array::from_fn(|b| if b < bands { (-log_beam - at[2 + b]).min(MOST_LOG_GAIN).exp() } else { 0.0 });
                 let light = std::array::from_fn(|b| if b < bands { at[2 + bands + b] } else { 0.0 });
                 let (gain, is_capped) = self.held(removed);
                 self.set(node, gain, light, is_capped, seen, sums);
@@ -250,7 +253,7 @@ impl<'g> GainGrid<'g> {
     /// Gain of one way of light per band, whether the cap holds it, and whether its directions in the beam were seen.
     fn gain(&self, path: &LightPath) -> ([f32; 3], bool, bool) {
         let (removed, is_seen) = log_removed(self.correction.config.method, self.correction.model, path);
-        let (gain, is_capped) = self.held(std::array::from_fn(|b| if b < self.bands { (-removed[b] as f32).exp() } else { 0.0 }));
+        let (gain, is_capped) = self.held(std::array::from_fn(|b| if b < self.bands { (-removed[b] as f32).min(MOST_LOG_GAIN).exp() } else { 0.0 }));
         (gain, is_capped, is_seen)
     }
 

@@ -62,7 +62,7 @@ impl FoundBackscatter {
 }
 
 /// Frames with a veil taken off their grids; cells that are hardly more than veil are left out.
-fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sight) -> Bands) -> Vec<FrameSamples> {
+pub fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sight) -> Bands) -> Vec<FrameSamples> {
     let of_frame = |frame: &FrameSamples| {
         let clear = |(cell, sight): &(u32, Sight)| {
             let (veil, mut sight) = (veil(sight), *sight);

@@ -299,7 +299,7 @@ fn settled(before: &Bands, after: &Bands) -> bool {
 }
 
 /// Fewer show neither scattered light nor changed light for what it is.
-const LEAST_FRAMES: usize = 12;
+pub const LEAST_FRAMES: usize = 12;
 
 /// α of the lower half of the frames may differ from that of all by this much, whatever the noise says [1/m].
 const LEAST_PARTING_PER_M: f64 = 0.03;

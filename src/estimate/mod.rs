@@ -41,7 +41,7 @@ use crate::cores::{both, each};
 use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{BeamPattern, EstimatorAnswer, ImagingModel, Nodes, SpreadingModel};
+use crate::model::{Backscatter, BeamPattern, EstimatorAnswer, GlowTable, ImagingModel, Nodes, SpreadingModel};
 use crate::spaces::{Body, Optical, Transform};
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
@@ -254,6 +254,23 @@ pub fn understand(
         found
     });
     Ok(Understood { estimate, strobe, backscatter, followed, log_gains, mounts, frames })
+}
+
+/// Frames as a model that is given takes them: their light set right by `log_gains`, and freed of what is scattered back.
+pub fn as_modelled(
+    mut frames: Vec<FrameSamples>,
+    log_gains: &[f64],
+    body_from_optical: Transform<Body, Optical>,
+    lamps: Lamps,
+    glow: Option<(&Backscatter, &GlowTable)>,
+) -> Vec<FrameSamples> {
+    frame_gains::set_right(&mut frames, &mut [], log_gains);
+    let Some((backscatter, table)) = glow else { return frames };
+    let samples = Samples::plain(&frames, &[], body_from_optical, lamps);
+    backscatter::off_frames(&samples, |sight| {
+        let (x, y, s) = samples.ray(sight);
+        backscatter.light(&table.at(x, y, s))
+    })
 }
 
 /// Runs the estimators and chooses among them.

@@ -8,6 +8,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Samples;
+use super::candidates::LEAST_FRAMES;
 use super::descent::{Lowest, descend};
 use super::joint::places::Place;
 use super::joint::{Problem, Setting, strobe_places};
@@ -21,10 +22,10 @@ use crate::vehicle::Lamps;
 
 /// Observations that hold three numbers well enough.
 const MOST_OBSERVATIONS: usize = 8_000;
-/// What counts as a contradiction, if it is also surer than four standard deviations.
+/// What counts as a contradiction, if it is also surer than five standard deviations: few frames share their pings.
 const LEAST_OFFSET_S: f64 = 0.03;
 const LEAST_TURN_RAD: f64 = 0.012;
-const SURE: f64 = 4.0;
+const SURE: f64 = 5.0;
 /// … and lowers the residual by this share.
 const LEAST_GAIN: f64 = 0.02;
 /// The parabola is followed this many times as far as its planes lie.
@@ -114,7 +115,9 @@ impl Shift<'_> {
 
 /// Seeks what fits better; `None` where the log cannot tell. `instrument` is where the range instrument sits in the body [m].
 pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &EstimateConfig) -> Option<FoundMounts> {
-    if samples.tracks.len() < config.least_pairs || !samples.altitude_varies(config) {
+    let can_tell = samples.tracks.len() >= config.least_pairs && samples.altitude_varies(config) && samples.frames.len() >= LEAST_FRAMES;
+    // Scattered light that is not modelled looks like any tilt.
+    if !can_tell || samples.unmodelled_glow.is_some() {
         return None;
     }
     let observations: usize = samples.tracks.iter().map(Vec::len).sum();

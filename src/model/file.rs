@@ -251,6 +251,9 @@ fn rounded(v: f64) -> f64 {
     (v * 1e9).round() / 1e9
 }
 
+/// No water takes more light [1/m]; red in the open sea 0.5, in a harbour 5.
+const MOST_ATTENUATION_PER_M: f64 = 50.0;
+
 impl ModelFile {
     /// Reads the file's text.
     ///
@@ -268,6 +271,12 @@ impl ModelFile {
                 "attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 finite numbers",
                 file.rendering.gain.len()
             ));
+        }
+        if file.rendering.gain.iter().chain(&file.rendering.median_correction).any(|g| *g <= 0.0 || !g.is_finite()) {
+            return Err("rendering.gain and rendering.median_correction must be above 0".into());
+        }
+        if let Some(alpha) = file.attenuation_per_m.iter().find(|a| a.abs() > MOST_ATTENUATION_PER_M) {
+            return Err(format!("attenuation_per_m = {alpha} is that of no water"));
         }
         file.imaging_model()?;
         Ok(file)

@@ -19,6 +19,7 @@ use sha2::Digest;
 use crate::config::{Config, EstimateConfig, Estimator, Method, OutputEncoding};
 use crate::correct::{Correction, MeanFrames};
 use crate::error::{Error, Result};
+use crate::estimate::as_modelled;
 use crate::image::Container;
 use crate::messages::writer::OutputWire;
 use crate::model::{Frustum, GlowTable, ImagingModel, ModelFile};
@@ -150,8 +151,31 @@ fn prepared(recording: Recording, mut scan: Scan, options: &Options) -> Result<P
 pub fn estimate_logs(paths: &[&Path], options: &Options, progress: &dyn Progress) -> Result<(ModelFile, Vec<String>)> {
     let threads = Threads::new(options.threads);
     let logs = paths.iter().map(|path| prepare_to_write(path, options, &threads)).collect::<Result<Vec<_>>>()?;
+    ensure_alike(&logs)?;
     let warnings = logs.iter().flat_map(|p| p.survey.warnings.clone()).collect();
     Ok((learnt(&logs, options, &threads, progress)?.0, warnings))
+}
+
+/// Logs of one model must be of one camera, and each must be another.
+fn ensure_alike(logs: &[Prepared]) -> Result<()> {
+    let name = |log: &Prepared| log.recording.path().display().to_string();
+    for (n, log) in logs.iter().enumerate() {
+        for before in &logs[..n] {
+            if log.recording.sha256()? == before.recording.sha256()? {
+                return Err(Error::Usage(format!("{} and {} are the same log", name(before), name(log))));
+            }
+            let of = |log: &Prepared| (log.survey.rig.camera.width, log.survey.rig.camera.height, log.survey.container);
+            let ((w, h, _), (v, g, _)) = (of(before), of(log));
+            if of(log) != of(before) {
+                return Err(Error::Usage(format!(
+                    "{} ({w}×{h}) and {} ({v}×{g}) are of different cameras or picture formats; a model is of one camera and strobe",
+                    name(before),
+                    name(log)
+                )));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Pass one over more and more frames, until attenuation is known as well as `estimate.precision_per_m` asks for; and the
@@ -255,6 +279,8 @@ struct Ready {
     glow: Option<GlowTable>,
     means: MeanFrames,
     rig_toml: String,
+    /// what pass one warned of
+    model_warnings: Vec<String>,
 }
 
 fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Ready> {
@@ -268,8 +294,14 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
             quick.config.estimate.estimator = Estimator::Altitude;
             let collected = pass_one(&prepared, &quick, quick.config.estimate.max_frames, threads, progress)?;
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
-            let mount = strobe_of(&file, &prepared.survey.rig).lamps;
-            file.rendering = shown(&collected.frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
+            let Survey { rig, .. } = &prepared.survey;
+            let strobe = strobe_of(&file, rig);
+            let mount = strobe.lamps;
+            let glow = glow_table(&imaging_model, &Rig { strobe, ..rig.clone() }, method);
+            let log_gains: Vec<f64> = collected.frames.iter().map(|f| prepared.survey.frame_gain(&file, f.stamp).ln()).collect();
+            let veil = imaging_model.backscatter.as_ref().zip(glow.as_ref());
+            let frames = as_modelled(collected.frames, &log_gains, rig.body_from_optical, mount, veil);
+            file.rendering = shown(&frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
             (file, collected.means)
         }
         None => learnt(std::slice::from_ref(&prepared), options, threads, progress)?,
@@ -280,19 +312,23 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
     prepared.survey.rig.strobe = strobe_of(&file, &prepared.survey.rig);
     // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
     prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
-    ensure_not_corrected(&prepared, &options.config, only(options)?.as_ref())?;
+    ensure_not_corrected(&prepared.recording, &prepared.survey, &options.config, only(options)?.as_ref())?;
     let missing = prepared.survey.missing_settings(&file);
     prepared.survey.warnings.extend(missing);
+    let own = prepared.recording.sha256()?;
+    let is_of_this_log = file.inputs.iter().any(|input| input.sha256 == own);
+    let said = |w: &String| if is_of_this_log { w.clone() } else { format!("of the model's own log: {w}") };
+    let model_warnings = file.warnings.iter().map(said).collect();
     let model = file.imaging_model().map_err(Error::Usage)?;
     let glow = glow_table(&model, &prepared.survey.rig, method);
     let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();
     let fine = ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
-    Ok(Ready { prepared, file, model, fine, glow, means, rig_toml })
+    Ok(Ready { prepared, file, model, fine, glow, means, rig_toml, model_warnings })
 }
 
 impl Ready {
     fn for_pass_two<'r>(&'r self, is_first: bool, options: &'r Options, wire: OutputWire) -> OfCamera<'r> {
-        let Self { prepared: Prepared { scan, survey, .. }, file, model, fine, glow, means, rig_toml } = self;
+        let Self { prepared: Prepared { scan, survey, .. }, file, model, fine, glow, means, rig_toml, model_warnings } = self;
         let correction = Correction {
             model: fine,
             roughness: fine.beam_pattern.roughness(BEAM_ROUGHEST),
@@ -304,7 +340,7 @@ impl Ready {
             electrons: survey.electrons,
         };
         let place = if is_first { String::new() } else { place_of(&survey.camera_topic) };
-        OfCamera { scan, survey, config: &options.config, wire, file, model, correction, rig_toml, place }
+        OfCamera { scan, survey, config: &options.config, wire, file, model, correction, rig_toml, model_warnings, place }
     }
 }
 
@@ -371,10 +407,13 @@ fn output_wire(prepared: &Prepared, config: &Config) -> OutputWire {
 }
 
 /// Refuses a log that holds what would be added: old and new would be one channel.
-fn ensure_not_corrected(prepared: &Prepared, config: &Config, only: Option<&regex::Regex>) -> Result<()> {
-    let corrected = corrected_topic(&prepared.survey.camera_topic, output_container(prepared.survey.container, config) != Container::Raw);
+///
+/// # Errors
+/// That, with the remedy.
+pub fn ensure_not_corrected(recording: &Recording, survey: &Survey, config: &Config, only: Option<&regex::Regex>) -> Result<()> {
+    let corrected = corrected_topic(&survey.camera_topic, output_container(survey.container, config) != Container::Raw);
     let is_ours = |topic: &str| topic == corrected || topic.starts_with("/unwater/");
-    match prepared.recording.channels.values().find(|c| is_ours(&c.topic) && only.is_none_or(|o| o.is_match(&c.topic))) {
+    match recording.channels.values().find(|c| is_ours(&c.topic) && only.is_none_or(|o| o.is_match(&c.topic))) {
         Some(channel) => Err(Error::Usage(format!(
             "the log holds {} already: it has been corrected before; correct the original, or leave these topics out with --only",
             channel.topic

@@ -3,7 +3,7 @@
 use super::mount_words::mount_check;
 use super::pass_one::Collected;
 use super::{Options, Prepared};
-use crate::config::{Config, Spreading};
+use crate::config::{Config, Spreading, Switch};
 use crate::correct::rendering;
 use crate::error::{Error, Result};
 use crate::estimate::{Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
@@ -61,6 +61,9 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     }
     let camera_topic = &first.survey.camera_topic;
     let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
+    if config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
+        warnings.push("--backscatter on: the log does not hold what the water scatters back (frames that overlap, at different altitudes, are needed); it is not taken off".into());
+    }
     let mount_check = found.mounts.map(|m| mount_check(&m, rig, camera_topic, offset_s)).map(|(file, said)| {
         warnings.extend(said);
         file

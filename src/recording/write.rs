@@ -32,6 +32,10 @@ pub fn ensure_distinct(input: &Path, output: &Path, force: bool) -> Result<()> {
         let source = std::io::Error::new(std::io::ErrorKind::IsADirectory, "it is a folder; give a file name with -o");
         return Err(Error::Write { path: output.into(), source });
     }
+    if fs::metadata(output).is_ok_and(|found| !found.is_file()) {
+        let source = std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is a device or a pipe; give the name of a file with -o");
+        return Err(Error::Write { path: output.into(), source });
+    }
     if output.symlink_metadata().is_ok() && !force {
         return Err(Error::OutputExists { path: output.into() });
     }

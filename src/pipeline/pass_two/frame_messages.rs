@@ -103,7 +103,7 @@ impl OfCamera<'_> {
         let (alpha, kind) = (self.file.attenuation_text(), &self.file.attenuation_kind);
         let mut lines = vec![(Level::Info, format!("{kind} attenuation {alpha} per metre, by the {} estimator", self.file.estimator))];
         lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
-        lines.extend(self.survey.warnings.iter().chain(&self.file.warnings).map(|w| (Level::Warn, w.clone())));
+        lines.extend(self.survey.warnings.iter().chain(self.model_warnings).map(|w| (Level::Warn, w.clone())));
         let followed = |s: &LightSettingFile| format!("{} ({}): the frames' light follows it as {}", s.topic, s.name, s.law.word());
         lines.extend(self.file.light_settings.iter().map(|s| (Level::Info, followed(s))));
         lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));

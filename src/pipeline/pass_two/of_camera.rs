@@ -54,6 +54,8 @@ pub struct OfCamera<'p> {
     pub correction: Correction<'p>,
     /// the rig, as a rig file's text
     pub rig_toml: &'p str,
+    /// what pass one warned of
+    pub model_warnings: &'p [String],
     /// what stands behind `/unwater` in the names of all but the first camera
     pub place: String,
 }
@@ -76,7 +78,7 @@ impl OfCamera<'_> {
                 .survey
                 .warnings
                 .iter()
-                .chain(&self.file.warnings)
+                .chain(self.model_warnings)
                 .cloned()
                 .chain(self.file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")))
                 .collect(),
