@@ -74,6 +74,9 @@ pub enum Command {
         after_help = "Examples:\n  unwater mosaic dive.corrected.mcap -o mosaic.png\n  unwater mosaic dive.corrected.mcap -S 2025-10-09T08:53:22Z -E 2025-10-09T08:53:30Z -o stretch.png\n\nWith -o MOSAIC.tif a GeoTIFF, where the log has a position."
     )]
     Mosaic(MosaicArgs),
+    /// Write a data set an archive takes: corrected stills, a table (CSV), an iFDO record
+    #[command(after_help = "Examples:\n  unwater export dive.corrected.mcap -o stills")]
+    Export(ExportArgs),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in
     #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml -o by_rig.mcap")]
     Init(Init),
@@ -216,6 +219,32 @@ pub struct MosaicArgs {
     /// Where the mosaic goes: .png, or .tif for a GeoTIFF of the corrected strip
     #[arg(short, long, value_name = "MOSAIC.png")]
     pub output: PathBuf,
+    /// The camera's image topic, where several were corrected
+    #[arg(long, value_name = "TOPIC")]
+    pub camera: Option<String>,
+    /// Begin here (log time, inclusive): nanoseconds or RFC 3339
+    #[arg(short = 'S', long, value_name = "TIME", value_parser = moment)]
+    pub start: Option<u64>,
+    /// End here (log time, exclusive)
+    #[arg(short = 'E', long, value_name = "TIME", value_parser = moment)]
+    pub end: Option<u64>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub run: LookOptions,
+}
+
+/// `export`
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// A log that `unwater correct` wrote
+    #[arg(value_name = "OUT.mcap")]
+    pub input: PathBuf,
+    /// The folder to write into
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+    /// Fields of the iFDO header that no log knows (TOML): image-pi, image-license, …
+    #[arg(long, value_name = "FACTS.toml")]
+    pub facts: Option<PathBuf>,
     /// The camera's image topic, where several were corrected
     #[arg(long, value_name = "TOPIC")]
     pub camera: Option<String>,

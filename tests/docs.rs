@@ -152,12 +152,12 @@ fn commands_are_described_as_they_are() {
 
 /// Runs the commands of a page; how many there were.
 #[cfg(unix)]
-fn type_out(page: PathBuf, dive_log: &Path, path: &str) -> usize {
+fn type_out(page: PathBuf, [dive_log, second]: [&Path; 2], path: &str) -> usize {
     let (_, blocks) = parts(&text_of(&page));
     let folder = tempfile::tempdir().unwrap();
     std::os::unix::fs::symlink(Path::new(ROOT).join("sample_logs"), folder.path().join("sample_logs")).unwrap();
-    for name in ["dive.mcap", "dive_1.mcap", "dive_2.mcap", "dive_3.mcap"] {
-        std::fs::copy(dive_log, folder.path().join(name)).unwrap();
+    for (name, log) in [("dive.mcap", dive_log), ("dive_1.mcap", dive_log), ("dive_2.mcap", second), ("dive_3.mcap", dive_log)] {
+        std::fs::copy(log, folder.path().join(name)).unwrap();
     }
     let mut ran = 0;
     for line in blocks.iter().filter(|(language, _)| language == "sh").flat_map(|(_, block)| block.lines()) {
@@ -184,11 +184,15 @@ fn every_command_runs() {
     let program = Path::new(env!("CARGO_BIN_EXE_unwater")).parent().unwrap();
     let path = format!("{}:{}", program.display(), std::env::var("PATH").unwrap_or_default());
     let dive = tempfile::tempdir().unwrap();
-    let dive_log = dive.path().join("dive.mcap");
-    support::render::Dive { frames: 14, width: 288, height: 216, focal_px: 340.0, ..Default::default() }.write(&dive_log);
+    let logs = [1, 2].map(|seed| {
+        let log = dive.path().join(format!("{seed}.mcap"));
+        support::render::Dive { seed, frames: 14, width: 288, height: 216, focal_px: 340.0, ..Default::default() }.write(&log);
+        log
+    });
+    let logs = [logs[0].as_path(), logs[1].as_path()];
     // Page by page beside each other: each waits for its own commands only.
     let ran: usize = std::thread::scope(|scope| {
-        let pages: Vec<_> = pages().into_iter().map(|page| scope.spawn(|| type_out(page, &dive_log, &path))).collect();
+        let pages: Vec<_> = pages().into_iter().map(|page| scope.spawn(|| type_out(page, logs, &path))).collect();
         pages.into_iter().map(|page| page.join().unwrap_or_else(|e| std::panic::resume_unwind(e))).sum()
     });
     assert!(ran >= 20, "{ran} commands");

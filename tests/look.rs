@@ -1,5 +1,5 @@
 //! Pictures for people: the page of a run opens in a browser, the sheet says what it must, the mosaic puts known points where
-//! they are.
+//! they are, and the data set for archives is whole.
 //!
 //! Pages are opened in headless Chromium where there is one, with node and playwright-core (`NODE_PATH`); elsewhere those
 //! tests are reported as ignored, never as passed. So are those on dives that `UNWATER_DATA` names.
@@ -348,6 +348,44 @@ fn map_is_where_it_is() -> Result<(), Failed> {
     ensure(off < 0.05, format!("the map is {off:.3} m off"))
 }
 
+/// The stills are the log's own bytes, and the lists say of each where and when it was taken, by the truth.
+fn data_set_is_whole() -> Result<(), Failed> {
+    let made = Corrected::get();
+    let (log, folder, facts) = (made.path("exported.mcap"), made.path("data_set"), made.path("facts.toml"));
+    with_fixes(&made.path("out.mcap"), &log, &made.truth)?;
+    std::fs::write(&facts, "image-copyright = \"nobody\"\nimage-license = { name = \"CC0-1.0\" }\n")?;
+    let said = unwater(&["export", text(&log), "-o", text(&folder), "--facts", text(&facts)]);
+    let words = String::from_utf8_lossy(&said.stderr);
+    ensure(said.status.success() && words.contains("image-pi") && !words.contains("image-license"), words.as_ref())?;
+    let ifdo: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.join("ifdo.json"))?)?;
+    let (header, items) = (&ifdo["image-set-header"], ifdo["image-set-items"].as_object().ok_or("no items")?);
+    ensure(header["image-license"]["name"] == "CC0-1.0" && header["image-set-ifdo-version"] == "v2.1.0", "the header")?;
+    ensure(items.len() == 22, format!("{} items", items.len()))?;
+    let recording = Recording::open(&log)?;
+    let topic = recording.channels.iter().find(|(_, c)| c.topic == "/camera/image_corrected/compressed").ok_or("no pictures")?.0;
+    let pictures: Vec<Vec<u8>> = recording
+        .messages(Window::ALL)
+        .filter_map(|entry| if let Entry::Message(m) = entry { (m.channel == *topic).then(|| m.data().to_vec()) } else { None })
+        .collect();
+    let table = std::fs::read_to_string(folder.join("images.csv"))?;
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    ensure(rows.len() == 22 && pictures.len() == 22, format!("{} rows, {} pictures", rows.len(), pictures.len()))?;
+    for ((row, picture), frame) in rows.iter().zip(&pictures).zip(&made.truth.frames) {
+        let still = std::fs::read(folder.join("images").join(row[0]))?;
+        ensure(picture.windows(still.len()).any(|w| w == still), format!("{} is not the log's", row[0]))?;
+        let item = &items[row[0]];
+        ensure(item["image-hash-sha256"] == unwater::pipeline::sha256(&still), "the fingerprint")?;
+        ensure(row[5] == frame.stamp_ns.to_string(), format!("{} is not of {}", row[5], frame.stamp_ns))?;
+        let above = item["image-meters-above-ground"].as_f64().ok_or("no height")?;
+        ensure((above - frame.plane_distance_m).abs() < 0.05, format!("{above} m, not {}", frame.plane_distance_m))?;
+        let north_m = (item["image-latitude"].as_f64().ok_or("no latitude")? - ORIGIN.0) * M_PER_DEG;
+        ensure((north_m - frame.position[1]).abs() < 0.01, format!("{north_m} m north, not {}", frame.position[1]))?;
+    }
+    ensure(items.values().all(|i| i["image-datetime"].as_str().is_some_and(|t| t.starts_with("2025-10-09 08:53:") && t.len() == 23)), "a moment")?;
+    let again = unwater(&["export", text(&log), "-o", text(&folder)]);
+    ensure(again.status.code() == Some(1) && String::from_utf8_lossy(&again.stderr).contains("--force"), "a folder in use is not refused")
+}
+
 fn main() {
     let data = std::env::var_os("UNWATER_DATA").map(PathBuf::from).filter(|d| d.is_dir());
     let has_chromium = has_chromium();
@@ -364,6 +402,7 @@ fn main() {
         Trial::test("the mosaic by shared points", mosaic_by_shared_points),
         Trial::test("the mosaic without a position", mosaic_without_a_position),
         Trial::test("the map is where it is", map_is_where_it_is),
+        Trial::test("the data set is whole", data_set_is_whole),
     ];
     if !has_chromium {
         eprintln!("Chromium, node or playwright-core is missing: the tests in a browser are skipped");

@@ -32,6 +32,7 @@ pub fn run(cli: Cli) -> Result<Ended> {
         Command::Report(args) => look::report(&args),
         Command::Compare(args) => look::compare(&args),
         Command::Mosaic(args) => look::mosaic(&args),
+        Command::Export(args) => look::export(&args),
         Command::Config(args) => config(&args),
         Command::Layout(args) => layout::run(&args),
         Command::Completions(args) => papers::completions(&args),

@@ -2,13 +2,13 @@
 
 use super::commands::{beside, model_file, say};
 use super::progress::Bar;
-use super::{CompareArgs, Ended, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window};
+use super::{CompareArgs, Ended, ExportArgs, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window};
 use crate::error::{Error, Result};
 use crate::look::dive::CorrectedLog;
 use crate::look::mosaic::{self, Asked};
-use crate::look::{page, sheet, write_whole};
+use crate::look::{data_set, page, sheet, write_whole};
 use crate::pipeline::Options;
-use crate::recording::ensure_distinct;
+use crate::recording::{Window, ensure_distinct};
 
 impl LookOptions {
     fn options(&self) -> Options {
@@ -72,6 +72,40 @@ pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     write_whole(&args.output, &bytes)?;
     if !args.run.quiet {
         laid.words.iter().for_each(|word| eprintln!("note: {word}"));
+    }
+    args.run.written(&args.output);
+    Ok(Ended::Done)
+}
+
+/// `unwater export`
+pub fn export(args: &ExportArgs) -> Result<Ended> {
+    let options = Options { window: window(args.start, args.end)?, ..args.run.options() };
+    let is_used = std::fs::read_dir(&args.output).is_ok_and(|mut entries| entries.next().is_some());
+    if args.output.is_file() || (is_used && !options.force) {
+        return Err(Error::OutputExists { path: args.output.clone() });
+    }
+    let facts = match &args.facts {
+        None => serde_json::Map::new(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            toml::from_str(&text).map_err(|e| Error::BadFile { path: path.clone(), what: "a fact", reason: e.to_string().trim().into() })?
+        }
+    };
+    let log = CorrectedLog::open(&args.input, &options)?;
+    let topics: Vec<String> = log.cameras.iter().map(|c| c.fact("camera_topic").to_string()).collect();
+    let camera = match (&args.camera, log.cameras.as_slice()) {
+        (Some(topic), cameras) => cameras.iter().find(|c| c.fact("camera_topic") == topic),
+        (None, [one]) => Some(one),
+        (None, _) => return Err(Error::SeveralCameras { topics }),
+    };
+    let missing_camera = || Error::NoSuchTopic { what: "corrected camera", topic: args.camera.clone().unwrap_or_default(), seen: topics.join(", ") };
+    let camera = camera.ok_or_else(missing_camera)?;
+    let written = data_set::export(&log, camera, &facts, &args.output, options.window.unwrap_or(Window::ALL), &Bar::new(args.run.quiet))?;
+    if !args.run.quiet {
+        if !written.missing.is_empty() {
+            eprintln!("note: ifdo.json lacks what neither log nor --facts says: {}", written.missing.join(", "));
+        }
+        say(&format!("stills       {}\n", written.stills));
     }
     args.run.written(&args.output);
     Ok(Ended::Done)

@@ -27,6 +27,8 @@ pub struct Candidate {
     pub std_per_m: Bands,
     pub answer: EstimatorAnswer,
     path_spread_m: Option<f64>,
+    /// by how much what all frames get wrong alike widens the standard deviations, at most
+    pub widened: f64,
     /// α and its standard deviation from the lower half of the frames [1/m]
     low: Option<(Bands, Bands)>,
 }
@@ -51,7 +53,7 @@ impl Candidate {
             details: details.iter().map(|(k, v)| (String::from(*k), *v)).collect(),
             ..EstimatorAnswer::default()
         };
-        Self { model, std_per_m, answer, path_spread_m: None, low: None }
+        Self { model, std_per_m, answer, path_spread_m: None, widened: 1.0, low: None }
     }
 }
 
@@ -126,11 +128,13 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
     let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount)));
     let (common, between) = common_errors(samples, without_glow.map(|a| a.attenuation_per_m), &answer.attenuation_per_m);
     let less_sure = less_sure_by(samples, tracks, &setting, &answer.std_per_m);
+    let alone = answer.std_per_m;
     for b in 0..bands {
         let common = less_sure[b] * common[b];
         answer.std_per_m[b] = answer.std_per_m[b].hypot(common);
         answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common));
     }
+    let widened = (0..bands).map(|b| answer.std_per_m[b] / alone[b].max(1e-12)).fold(1.0, f64::max);
     answer.difference_std_per_m.iter_mut().zip(between).for_each(|(s, common)| *s = s.hypot(common));
     let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
     let beam_pattern = completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
@@ -156,7 +160,7 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         details.push(("green_minus_blue_std_per_m", answer.difference_std_per_m[1]));
     }
     if let Some((exponent, std)) = answer.exponent {
-        details.extend([("spreading_exponent", exponent), ("spreading_exponent_std", std)]);
+        details.extend([("spreading_exponent", exponent), ("spreading_exponent_std", std * widened)]);
     }
     let low = low_answer(samples, tracks, &setting);
     if let Some(low) = &low {
@@ -164,16 +168,20 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         details.extend(names.iter().zip(low.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
     }
     let candidate = Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details);
-    Ok(Candidate { path_spread_m: Some(answer.path_spread_m), low: low.map(|l| (l.attenuation_per_m, l.std_per_m)), ..candidate })
+    Ok(Candidate { path_spread_m: Some(answer.path_spread_m), widened, low: low.map(|l| (l.attenuation_per_m, l.std_per_m)), ..candidate })
 }
 
+/// What all frames get wrong alike goes with height, as exponent and place do, and so is mistaken for them more easily than
+/// what each gets wrong by itself; by rendered dives.
+const ALIKE_OVER_SINGLY: f64 = 1.7;
+
 /// With the exponent or the strobe's place free, α is less sure by this factor: of what frames get wrong singly, as the solve
-/// itself says, and as much of what all get wrong alike.
+/// itself says, and more so of what all get wrong alike.
 fn less_sure_by(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<'_>, std_per_m: &Bands) -> Bands {
     let held = joint::Setting { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setting };
     let is_free = setting.fit_exponent || setting.free_strobe;
     let with_held = if is_free { joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount)) } else { None };
-    std::array::from_fn(|b| with_held.as_ref().map_or(1.0, |h| (std_per_m[b] / h.std_per_m[b]).max(1.0)))
+    std::array::from_fn(|b| with_held.as_ref().map_or(1.0, |h| ALIKE_OVER_SINGLY * (std_per_m[b] / h.std_per_m[b]).max(1.0)))
 }
 
 /// The same solve on the lower half of the frames alone: what scatters back grows with height, and so the two part.

@@ -64,6 +64,8 @@ pub struct Estimate {
     pub answers: BTreeMap<String, EstimatorAnswer>,
     /// why the attenuation is not identified, if it is not
     pub not_identified_because: Option<String>,
+    /// by how much standard deviations of the solve itself are too narrow, as all frames get some things wrong alike
+    pub widened: f64,
 }
 
 /// Everything known of the log at a stage of the estimation.
@@ -249,6 +251,9 @@ pub fn understand(
     };
     let (mounts, estimate) = both(|| check_mounts(&all, instrument, config), estimated);
     let estimate = estimate?;
+    if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
+        search.std_m = search.std_m.map(|std| std * estimate.widened);
+    }
     let backscatter = backscatter.map(|mut found| {
         found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);
         found
@@ -314,5 +319,12 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     let without_joint = || answers.get("joint")?.note.clone().filter(|_| samples.tracks.len() >= config.least_pairs);
     let stands_in = if config.estimator == Estimator::Auto && estimator != "joint" { without_joint() } else { None };
     let not_identified_because = not_identified(&candidate, samples, config).or(stands_in.map(|why| format!("the joint solve failed ({why})")));
-    Ok(Estimate { model: candidate.model, attenuation_std_per_m: candidate.std_per_m, estimator, answers, not_identified_because })
+    Ok(Estimate {
+        model: candidate.model,
+        attenuation_std_per_m: candidate.std_per_m,
+        estimator,
+        answers,
+        not_identified_because,
+        widened: candidate.widened,
+    })
 }

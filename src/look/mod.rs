@@ -1,8 +1,9 @@
 //! Pictures for people: the page of a run ([`page`]), one frame under every method ([`sheet`]), the strip of seafloor that
-//! a dive has seen ([`mosaic`]).
+//! a dive has seen ([`mosaic`]); and for archives, the stills with what is known of them ([`data_set`]).
 //!
 //! All of them read logs and models through the rooms below and decide nothing: no number of theirs reaches a corrected log.
 
+pub mod data_set;
 pub mod dive;
 pub mod mosaic;
 pub mod page;
