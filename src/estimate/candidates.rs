@@ -1,7 +1,5 @@
 //! The estimators' answers, each ready to be the model, and whether the chosen one can be trusted.
 
-use std::collections::BTreeSet;
-
 use super::Samples;
 use super::altitude_slope;
 use super::angular_bins;
@@ -60,8 +58,8 @@ impl Candidate {
 /// Planes, attitudes and the beam's grid make light wrong by this much, alike in all points of a few seconds: no spread
 /// within a log shows it, and it turns into α by how far path lengths spread. By rendered dives [log light].
 const COMMON_LOG_ERROR: f64 = 0.004;
-/// Frames nearer than this share their pings [s].
-const COMMON_S: f64 = 2.5;
+/// The same where the ground's relief is followed: heights between the hits are guessed, and ridges come out too gentle.
+const RELIEF_LOG_ERROR: f64 = 0.011;
 /// An 8-bit picture's mean may be off by this part of a code, and a JPEG's is: what its colours are rounded to is seldom
 /// even. Bright light hardly feels it, dark light does.
 const COMMON_CODE_ERROR: f64 = 0.1;
@@ -83,13 +81,14 @@ fn common_errors(samples: &Samples<'_>, without_glow: Option<Bands>, alpha: &Ban
 
 /// Errors of so many independent moments, over so wide a spread of path lengths, as an error of α [1/m].
 fn geometry_error_per_m(samples: &Samples<'_>) -> f64 {
-    let moments: BTreeSet<i64> = samples.frames.iter().map(|f| (f.stamp.0 as f64 * 1e-9 / COMMON_S) as i64).collect();
     let altitudes = || samples.frames.iter().map(|f| f.camera_altitude_m);
     let n = samples.frames.len().max(1) as f64;
     let mean = altitudes().sum::<f64>() / n;
     // Down and up again.
     let path_std_m = 2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt();
-    COMMON_LOG_ERROR / (path_std_m * (moments.len() as f64).sqrt()).max(1e-9)
+    let follows_relief = |f: &FrameSamples| f.grid.iter().any(|(_, sight)| sight.normal != f.normal);
+    let log_error = if samples.frames.iter().any(follows_relief) { RELIEF_LOG_ERROR } else { COMMON_LOG_ERROR };
+    log_error / (path_std_m * (samples.moments() as f64).sqrt()).max(1e-9)
 }
 
 /// Slope over path length of what a part of a code is in log light: α takes it up [1/m].

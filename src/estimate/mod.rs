@@ -24,7 +24,7 @@ mod samples;
 mod strobe_search;
 mod tracks;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
@@ -100,11 +100,17 @@ impl<'s> Samples<'s> {
         (hit.x / hit.z, hit.y / hit.z, sight.seafloor_to_camera_m)
     }
 
+    /// Moments of the frames that have pings of their own: frames nearer than [`PINGS_SHARED_S`] get the same things wrong.
+    fn moments(&self) -> usize {
+        self.frames.iter().map(|f| (f.stamp.0 as f64 * 1e-9 / PINGS_SHARED_S) as i64).collect::<BTreeSet<_>>().len()
+    }
+
     /// What the joint solve is told in any case.
     fn setting<'c>(&self, nodes: Nodes, config: &'c EstimateConfig) -> joint::Setting<'c> {
         let spreading = SpreadingModel::of(config.spreading);
         joint::Setting {
             frames: self.frames.len(),
+            moments: self.moments(),
             bands: self.bands(),
             nodes,
             spreading,
@@ -171,6 +177,8 @@ pub struct Understood {
 
 /// Times that strobe and backscatter are sought in turn: each is seen better with the other known.
 const TURNS: usize = 3;
+/// Frames nearer than this share their pings [s].
+const PINGS_SHARED_S: f64 = 2.5;
 
 /// Samples → model: the strobe is placed, frames lit unevenly are set right, what the water scatters back is taken off,
 /// and then attenuation and beam pattern are estimated. `given` is the strobe's mount, and whether it was measured;

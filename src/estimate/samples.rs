@@ -104,6 +104,20 @@ fn footprint_m(rung: i32) -> f64 {
     1e-3 * 2f64.powf(f64::from(rung) / 2.0)
 }
 
+/// A pixel is itself a mean over its square, so much of a Gaussian's variance [px²].
+const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
+
+/// Metres of seafloor to a pixel along the picture's rows and columns: of the circle on the seafloor, seen as an ellipse,
+/// both the shape and the area. Slant range alone would not do: a pixel off the axis sees a smaller angle, and a
+/// floor that it meets at a slant is drawn out.
+fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Option<[f64; 2]> {
+    let along = |du: f64, dv: f64| Some(view.seafloor_point(u + du, v + dv)?.hit.vector() - hit.vector());
+    let (across, down) = (along(1.0, 0.0)?, along(0.0, 1.0)?);
+    let area = across.cross(&down).norm();
+    let aspect = across.norm() / down.norm();
+    Some([(area * aspect).sqrt(), (area / aspect).sqrt()]).filter(|m| m.iter().all(|m| *m > 0.0 && m.is_finite()))
+}
+
 /// Takes the samples of one frame.
 pub fn samples(
     (frame, stamp): (usize, Stamp),
@@ -138,8 +152,9 @@ pub fn samples(
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
         let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y) else { continue };
-        let sigma_px = |rung: i32| footprint_m(rung) * view.camera.fx / seafloor_to_camera_m;
-        let first_rung = (2.0 * (matching.footprint_px * seafloor_to_camera_m / view.camera.fx / 1e-3).log2()).ceil() as i32;
+        let Some(pixel_m) = pixel_on_seafloor_m(view, keypoint.u, keypoint.v, &hit) else { continue };
+        let first_rung = (2.0 * (matching.footprint_px * (pixel_m[0] * pixel_m[1]).sqrt() / 1e-3).log2()).ceil() as i32;
+        let sigma_px = |rung: i32| pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt());
         let ladder = std::array::from_fn(|k| pooled(image, keypoint.u, keypoint.v, sigma_px(first_rung + k as i32), config));
         taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] }, first_rung, ladder });
         taken.places.push((x, y));
@@ -212,15 +227,15 @@ fn add_row(row: &[f32], weight: f32, sums: &mut [f32]) -> f32 {
 }
 
 /// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near black.
-fn pooled(image: &SensorImage, u: f64, v: f64, sigma_px: f64, config: &EstimateConfig) -> [f32; 3] {
-    let radius = (PATCH_SIGMAS * sigma_px).ceil() as isize;
-    let (x, y) = (u.round() as isize, v.round() as isize);
-    if x < radius || y < radius || x + radius >= image.light.width as isize || y + radius >= image.light.height as isize {
-        return [f32::NAN; 3];
-    }
-    let span = |c: isize| (c - radius) as usize..(c + radius + 1) as usize;
-    let falloff = |centre: f64| move |c: usize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
-    log_color(pool(image, span(x), span(y), falloff(u), falloff(v)), image.bands(), config)
+fn pooled(image: &SensorImage, u: f64, v: f64, sigma_px: [f64; 2], config: &EstimateConfig) -> [f32; 3] {
+    let span = |centre: f64, sigma_px: f64, size: usize| {
+        let (centre, radius) = (centre.round() as isize, (PATCH_SIGMAS * sigma_px).ceil() as isize);
+        (centre >= radius && centre + radius < size as isize).then(|| (centre - radius) as usize..(centre + radius + 1) as usize)
+    };
+    let (columns, rows) = (span(u, sigma_px[0], image.light.width), span(v, sigma_px[1], image.light.height));
+    let (Some(columns), Some(rows)) = (columns, rows) else { return [f32::NAN; 3] };
+    let falloff = |centre: f64, sigma_px: f64| move |c: usize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
+    log_color(pool(image, columns, rows, falloff(u, sigma_px[0]), falloff(v, sigma_px[1])), image.bands(), config)
 }
 
 fn log_color(pool: Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {

@@ -49,6 +49,7 @@ const EXPOSED_TO: f64 = 0.85;
 const FULL_WELL_E: f64 = 15_000.0;
 const READ_NOISE_E: f64 = 5.0;
 const ATTITUDE_NOISE_RAD: f64 = 0.0005;
+const VELOCITY_NOISE_M_PER_S: f64 = 0.003;
 /// Backscatter's attenuation over the direct light's.
 pub const BACKSCATTER_ATTENUATION_RATIO: f64 = 1.1;
 const SCATTER_POINTS: usize = 24;
@@ -593,7 +594,8 @@ impl Dive {
         let t = ns as f64 * 1e-9;
         let place = |t: f64| { let (at, attitude) = self.pose(t); at + attitude * V3::from(DVL_IN_BASE) };
         let dvl_from_world = (self.pose(t).1 * base_from_dvl()).inverse();
-        let velocity = dvl_from_world * (place(t + 1e-3) - place(t - 1e-3)) / 2e-3;
+        let fluke = V3::from_fn(|axis, _| VELOCITY_NOISE_M_PER_S * gaussian(hash(self.seed, (3 * n + axis) as u64, 0x0e10)));
+        let velocity = dvl_from_world * (place(t + 1e-3) - place(t - 1e-3)) / 2e-3 + fluke;
         let (up, height) = (dvl_from_world * self.floor_normal(), self.floor_normal().dot(&place(t)));
         let beams = self.beams();
         let ranges: [Option<f64>; 4] = std::array::from_fn(|i| {

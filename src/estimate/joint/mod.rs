@@ -46,6 +46,8 @@ const NOISE_CLASSES: usize = 6;
 pub struct Setting<'s> {
     /// how many frames there are
     pub frames: usize,
+    /// how many moments of them have pings of their own
+    pub moments: usize,
     /// 1 or 3
     pub bands: usize,
     /// the beam pattern's grid
@@ -127,7 +129,6 @@ struct Row {
     y: [f64; 3],
     /// log c
     log_color: [f32; 3],
-    class: [u8; 3],
     /// S_Λ
     glow: Glow,
     /// D / (D + B): misfits of y are this much larger than those of log c
@@ -237,7 +238,6 @@ impl<'s> Problem<'s> {
                 ends.push(rows.len());
             }
         }
-        classify(&mut rows, bands);
         let weights = rows.iter().map(|r| r.direct_share.map(|d| d * d)).collect();
         let enough = rows.len() >= 2 * (columns.beam_nodes() + bands).min(100) && ends.len() >= 30;
         let back = setting.glow.map_or(Backscatter::NONE, |(back, _)| *back);
@@ -376,7 +376,6 @@ fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPa
         geometry: [geometry; 3],
         y,
         log_color,
-        class: [0; 3],
         glow,
         direct_share,
         per_direct,
@@ -399,15 +398,4 @@ fn darkest(rows: &[Row], back: &Backscatter) -> Bands {
         let ratios: Vec<f64> = rows.iter().map(|r| f64::from(r.log_color[b]).exp() / unit.light(&r.glow)[b].max(1e-12)).collect();
         robust::quantile(&ratios, DARKEST)
     })
-}
-
-/// Sorts the observations of each band into classes of equal brightness.
-fn classify(rows: &mut [Row], bands: usize) {
-    for b in 0..bands {
-        let values: Vec<f64> = rows.iter().map(|r| f64::from(r.log_color[b])).collect();
-        let edges: Vec<f64> = (1..NOISE_CLASSES).map(|k| robust::quantile(&values, k as f64 / NOISE_CLASSES as f64)).collect();
-        for (row, value) in rows.iter_mut().zip(&values) {
-            row.class[b] = edges.iter().filter(|e| value > e).count() as u8;
-        }
-    }
 }

@@ -7,10 +7,12 @@ use nalgebra::DMatrix;
 use super::Problem;
 use super::normal::Normal;
 
-/// Frames of a stretch: neighbours share pings, so their errors are alike.
+/// Frames of a stretch: points are followed over several of them.
 const FRAMES_PER_STRETCH: usize = 5;
+/// Independent moments of a stretch: neighbours share pings, and what they share is not to count as two.
+const MOMENTS_PER_STRETCH: usize = 2;
 /// Stretches whose errors are taken to be independent.
-const STRETCHES: (usize, usize) = (6, 20);
+const STRETCHES: (usize, usize) = (4, 20);
 
 impl Problem<'_> {
     /// Covariance of the unknowns from `first` on.
@@ -18,7 +20,8 @@ impl Problem<'_> {
         let (unknowns, frames) = (self.columns.count(), self.setting.frames);
         let (normal, whole) = self.normal_equations(&self.smoothness());
         let values = normal.clone().cholesky()?.solve(&whole);
-        let stretches = (frames / FRAMES_PER_STRETCH).clamp(STRETCHES.0, STRETCHES.1);
+        let apart = (frames / FRAMES_PER_STRETCH).min(self.setting.moments / MOMENTS_PER_STRETCH);
+        let stretches = apart.clamp(STRETCHES.0, STRETCHES.1);
         let mut parts: Vec<Normal> = (0..stretches).map(|_| Normal::new(DMatrix::zeros(unknowns, unknowns))).collect();
         for track in self.tracks() {
             // A track belongs where its middle view is.
@@ -32,7 +35,9 @@ impl Problem<'_> {
             let step = (without - &values).rows(first, unknowns - first).into_owned();
             covariance += &step * step.transpose() * ((n - 1.0) / n);
         }
-        // Few stretches: their own spread is uncertain, by Student's factor (about 1.19 for eight).
-        Some(covariance * (1.0 + 1.3 / (n - 1.0)).powi(2))
+        // Few stretches: their own spread is uncertain. Student's 95 % over the normal one, for n − 1 degrees of freedom, by its
+        // expansion (Cornish and Fisher): 1.21 for eight stretches, 1.57 for four.
+        let per_freedom = 1.0 / (n - 1.0);
+        Some(covariance * (1.0 + per_freedom * (1.21 + per_freedom * 1.44)).powi(2))
     }
 }
