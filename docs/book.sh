@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes a site of the docs in target/book: needs mdbook (`cargo install mdbook`). The book holds the repository's files where they lie in it, so
+# Makes a site of the docs in target/book, and fails where a link in it leads nowhere: needs mdbook (`cargo install mdbook`) and Python. The book holds the repository's files where they lie in it, so
 # that links read the same there and on a forge.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -10,4 +10,18 @@ cp docs/book.toml "$book/"
 # docs/SUMMARY.md seen from the root
 sed -e 's#](\.\./#](@#' -e 's#](\([a-z]\)#](docs/\1#' -e 's#](@#](#' docs/SUMMARY.md > "$book/src/SUMMARY.md"
 mdbook build "$book"
+python3 - "$book/book" <<'END'
+import pathlib, re, sys, urllib.parse
+site = pathlib.Path(sys.argv[1])
+lost = []
+for page in site.rglob("*.html"):
+    for link in re.findall(r'<(?:a|img)\b[^>]*?\b(?:href|src)="([^"]+)"', page.read_text()):
+        address = urllib.parse.urlsplit(link)
+        to = page.parent / urllib.parse.unquote(address.path) if address.path else page
+        if address.scheme or page.name in ("404.html", "print.html"):
+            continue  # elsewhere; at the site's root; all pages in one
+        if not to.exists() or (to.suffix == ".html" and address.fragment and f'id="{urllib.parse.unquote(address.fragment)}"' not in to.read_text()):
+            lost.append(f"{page.relative_to(site)}: {link}")
+sys.exit("\n".join(["links that lead nowhere:", *lost]) if lost else 0)
+END
 echo "$book/book/index.html"

@@ -411,6 +411,19 @@ fn init_writes_what_is_known_of_a_log_that_lacks_the_rest_and_a_field_of_view_is
     assert!(said.contains("\nwidth = ") && said.contains("\nheight = ") && said.contains("# fx =   # FILL IN") && said.contains("no DVL"), "{said}");
     assert!(toml::from_str::<unwater::vehicle::RigFile>(&said).is_ok(), "{said}");
 
+    // Without ranges: calibration, and the mounts that TF tells.
+    let no_ranges = folder.path().join("no_ranges.mcap");
+    let only = "^/(camera/(image_raw|camera_info)$|tf_static)";
+    assert_eq!(unwater(&["correct", text(dive()), "-o", text(&no_ranges), "-q", "--only", only]).status.code(), Some(0));
+    let ran = unwater(&["init", text(&no_ranges), "-o", "-"]);
+    let said = String::from_utf8_lossy(&ran.stdout).into_owned();
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    let rig: unwater::vehicle::RigFile = toml::from_str(&said).unwrap_or_else(|e| panic!("{e}: {said}"));
+    let place = |mount: Option<unwater::vehicle::MountFacts>| mount.map(|m| m.translation_m);
+    assert_eq!(place(rig.camera.mount), Some([0.34, -0.1, -0.12]), "{said}");
+    assert_eq!(place(rig.strobe.mount), Some([-0.53, 0.09, -0.07]), "{said}");
+    assert!(rig.camera.fx.is_some() && rig.dvl.mount.is_none() && said.contains("# [dvl.mount]  # FILL IN"), "{said}");
+
     // A field of view alone corrects, and how well that does is said.
     let rig = folder.path().join("rig.toml");
     std::fs::write(&rig, "[camera]\nhorizontal_field_of_view_deg = 45.9\n").unwrap();

@@ -70,8 +70,7 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                 }
             }
             let (recording, scan) = pipeline::open(input, options)?;
-            let camera = survey::camera_facts(&recording, &scan, &options.selection);
-            Ok((RigFile { camera, ..RigFile::default() }, vec![last.to_string()]))
+            Ok((survey::facts_without_ranges(&recording, &scan, &options.selection, &options.rig), vec![last.to_string()]))
         }
         Err(e) => Err(e),
     }

@@ -8,7 +8,7 @@
 //! known is taken off the colours before the logarithm. In: samples. Out: b, and colours freed of it.
 
 use super::candidates::completed;
-use super::joint::{LEAST_DIRECT_SHARE, Problem, Setting};
+use super::joint::{JointAnswer, LEAST_DIRECT_SHARE, Problem, Setting};
 use super::robust;
 use super::samples::{FrameSamples, Sight};
 use super::tracks::{Observation, Track};
@@ -21,6 +21,8 @@ const STEPS: usize = 12;
 const ROUNDS_PER_STEP: usize = 4;
 /// Steps smaller than this share of b are not taken any more.
 const SETTLED: f64 = 0.01;
+/// After so many steps it shows whether there is half the evidence that there must be; if not, the rest is not gone into.
+const FIRST_STEPS: usize = 2;
 /// `auto` wants b to be surer than this many standard deviations in a band …
 const SURE: f64 = 4.0;
 /// … and held-out frames to be foretold better by this.
@@ -82,6 +84,11 @@ fn take_off(sight: &mut Sight, bands: usize, veil: &Bands) {
     }
 }
 
+/// Whether b of a band is so many standard deviations above nothing.
+fn surely(answer: &JointAnswer, sure: f64) -> bool {
+    answer.backscatter.is_some_and(|(b, std)| b.strength_per_m.iter().zip(std).any(|(b, std)| *b > sure * std))
+}
+
 /// Finds b; `None` where the log shows none (or, for `auto`, no evidence of it).
 pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBackscatter> {
     let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
@@ -89,6 +96,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let mut problem = Problem::new(samples.tracks, &plain, mount, paths)?;
     let solution = problem.solve(plain.rounds)?;
     let mut said = problem.said(&solution);
+    let without = held_out::misfits(samples.tracks, &plain, mount, paths)?;
     let frustum = Frustum::around(samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))));
     let mut now = Backscatter::NONE;
     let mut settled = None;
@@ -112,18 +120,24 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
         });
         said.beam =
             completed(&said.beam.by_node(), &Samples { frames: &frames, ..*samples }, &said.attenuation_per_m, setting.spreading, setting.config);
+        let foretold = |now: &Backscatter| held_out::misfits(samples.tracks, &Setting { glow: Some((now, &glow)), ..plain }, mount, paths);
+        if step + 1 == FIRST_STEPS && setting.config.backscatter != Switch::On {
+            let improves = held_out::improvement(&without, &foretold(&now)?) > LEAST_IMPROVEMENT / 2.0;
+            if !improves || !surely(&problem.answer(&solution)?, SURE / 2.0) {
+                return None;
+            }
+        }
         let has_settled = (0..setting.bands).all(|b| (now.strength_per_m[b] - before.strength_per_m[b]).abs() <= SETTLED * now.strength_per_m[b]);
         if has_settled || step + 1 == STEPS {
             let answer = problem.answer(&solution)?;
-            let held_out = held_out::misfits(samples.tracks, &Setting { glow: Some((&now, &glow)), ..plain }, mount, paths)?;
-            settled = Some((answer, held_out, table));
+            settled = Some((answer, foretold(&now)?, table));
             break;
         }
     }
     let (answer, with, table) = settled?;
     let (backscatter, std_per_m) = answer.backscatter?;
-    let is_sure = (0..setting.bands).any(|b| backscatter.strength_per_m[b] > SURE * std_per_m[b]);
-    let improvement = held_out::improvement(&held_out::misfits(samples.tracks, &plain, mount, paths)?, &with);
+    let is_sure = surely(&answer, SURE);
+    let improvement = held_out::improvement(&without, &with);
     let attenuation_per_m = answer.attenuation_per_m;
     let mut found = FoundBackscatter { backscatter, std_per_m, improvement, share: [0.0; 3], attenuation_per_m, table };
     for b in 0..setting.bands {

@@ -8,6 +8,8 @@ use super::joint::places::PlaceStep;
 const STEPS: usize = 25;
 const LONGEST_STEP: f64 = 0.25;
 const SETTLED: f64 = 5e-4;
+/// A step of so many standard deviations says nothing.
+const TELLING: f64 = 0.1;
 
 /// Where the residual is least.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +33,9 @@ pub fn descend(
         let asked = asked_at(place)?;
         let (whole, of_three) = (Vector3::from_row_slice(asked.step.get(..3)?), Vector3::from_row_slice(asked.std.get(..3)?));
         std = of_three;
+        if whole.iter().zip(&std).all(|(step, std)| step.abs() < TELLING * std) {
+            break;
+        }
         let mut step = whole * (LONGEST_STEP / whole.norm()).min(1.0);
         let mut taken = false;
         for _ in 0..5 {

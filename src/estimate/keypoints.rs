@@ -248,17 +248,23 @@ impl Gradients {
         Self { width, height, data }
     }
 
-    /// Gradients in the square around a place, row by row, each with where it lies from the place [px].
-    fn around(&self, u: f32, v: f32, radius: usize) -> impl Iterator<Item = (f32, impl Iterator<Item = (f32, f32, f32)>)> {
+    /// Gradients in the square around a place, row by row: where each lies from it [px], its strength under a Gaussian of
+    /// exponent `per_square` · r², its direction.
+    fn around(&self, (u, v): (f32, f32), radius: usize, per_square: f32, mut take: impl FnMut(f32, f32, f32, f32)) {
         let span = |centre: f32, count: usize| {
             let centre = centre.round() as usize;
             centre.saturating_sub(radius)..(centre + radius + 1).min(count)
         };
+        let falloff = |d: f32| (d * d * per_square).exp();
         let columns = span(u, self.width);
-        span(v, self.height).map(move |y| {
-            let row = &self.data[y * self.width..][columns.clone()];
-            (y as f32 - v, columns.clone().zip(row).map(move |(x, (strength, direction))| (x as f32 - u, *strength, *direction)))
-        })
+        let across: Vec<(f32, f32)> = columns.clone().map(|x| x as f32 - u).map(|d| (d, falloff(d))).collect();
+        for y in span(v, self.height) {
+            let py = y as f32 - v;
+            let down = falloff(py);
+            for ((px, weight), (strength, direction)) in across.iter().zip(&self.data[y * self.width..][columns.clone()]) {
+                take(*px, py, strength * weight * down, *direction);
+            }
+        }
     }
 
     /// The strongest direction of the gradients around a point [rad].
@@ -266,12 +272,9 @@ impl Gradients {
         const BINS: usize = 36;
         let mut histogram = [0f32; BINS];
         let per_square = -0.5 / (1.5 * sigma).powi(2);
-        for (py, row) in self.around(u.round(), v.round(), (4.5 * sigma).round() as usize) {
-            for (px, strength, direction) in row {
-                let bin = (direction * BINS as f32 + 0.5) as usize % BINS;
-                histogram[bin] += strength * ((px * px + py * py) * per_square).exp();
-            }
-        }
+        self.around((u.round(), v.round()), (4.5 * sigma).round() as usize, per_square, |_, _, strength, direction| {
+            histogram[(direction * BINS as f32 + 0.5) as usize % BINS] += strength;
+        });
         for _ in 0..2 {
             let before = histogram;
             for (i, value) in histogram.iter_mut().enumerate() {
@@ -293,29 +296,26 @@ impl Gradients {
         let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);
         let per_px = 1.0 / (3.0 * sigma);
         let radius = (3.0 * sigma * std::f32::consts::SQRT_2 * 2.5).round() as usize;
-        for (py, row) in self.around(u, v, radius) {
-            for (px, strength, direction) in row {
-                let (rx, ry) = ((cos * px + sin * py) * per_px, (cos * py - sin * px) * per_px);
-                if rx.abs() >= 2.5 || ry.abs() >= 2.5 {
-                    continue;
-                }
-                let weight = strength * (-(rx * rx + ry * ry) / 8.0).exp();
-                let direction = direction - zero;
-                let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
-                // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
-                let (bx, by) = (rx + 2.5, ry + 2.5);
-                let (ix, iy, id) = (bx as usize, by as usize, (direction as usize).min(7));
-                let (fx, fy, fd) = (bx - ix as f32, by - iy as f32, direction - id as f32);
-                for (row, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
-                    for (column, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
-                        let cell = &mut padded[row * 7 + column];
-                        let share = weight * wx * wy;
-                        cell[id] += share * (1.0 - fd);
-                        cell[id + 1] += share * fd;
-                    }
+        self.around((u, v), radius, -per_px * per_px / 8.0, |px, py, weight, direction| {
+            let (rx, ry) = ((cos * px + sin * py) * per_px, (cos * py - sin * px) * per_px);
+            if rx.abs() >= 2.5 || ry.abs() >= 2.5 {
+                return;
+            }
+            let direction = direction - zero;
+            let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
+            // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
+            let (bx, by) = (rx + 2.5, ry + 2.5);
+            let (ix, iy, id) = (bx as usize, by as usize, (direction as usize).min(7));
+            let (fx, fy, fd) = (bx - ix as f32, by - iy as f32, direction - id as f32);
+            for (row, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
+                for (column, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
+                    let cell = &mut padded[row * 7 + column];
+                    let share = weight * wx * wy;
+                    cell[id] += share * (1.0 - fd);
+                    cell[id + 1] += share * fd;
                 }
             }
-        }
+        });
         padded.iter_mut().for_each(|cell| cell[0] += cell[8]);
         let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 7 + i / 8 % 4 + 1][i % 8]);
         let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);

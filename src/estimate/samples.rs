@@ -263,3 +263,38 @@ fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &Estimat
     }
     sights
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::SeafloorPlane;
+    use crate::spaces::Transform;
+    use crate::vehicle::{Camera, Rig, StrobeMount};
+
+    /// Metres to a pixel at a place of a picture of 640×480, over a floor that tips by so much about the picture's rows.
+    fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
+        let (sin, cos) = tipped_deg.to_radians().sin_cos();
+        let camera = Camera::from_field_of_view(640, 480, 60.0);
+        let mounted = Transform::identity();
+        let rig = Rig {
+            camera,
+            body_from_optical: mounted,
+            body_from_dvl: Transform::identity(),
+            strobe: StrobeMount { lamps: Lamps::one(Transform::identity()), source: None },
+        };
+        let normal = Direction::from_vector(nalgebra::Vector3::new(0.0, sin, cos)).expect("a normal");
+        let plane = SeafloorPlane { normal, distance_m: 2.0 * cos, support: Support::LeastSquares, hits: 4, residual_m: 0.0, nearest_ping_s: 0.0 };
+        let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
+        let hit = view.seafloor_point(u, v).expect("a place").hit;
+        pixel_on_seafloor_m(&view, u, v, &hit).map(|m| m.map(|m| m * camera.fx)).expect("its size")
+    }
+
+    #[test]
+    fn a_pixel_covers_as_much_floor_as_lies_square_to_the_axis_and_more_on_a_slope() {
+        let near = |is: [f64; 2], ought: [f64; 2]| assert!((0..2).all(|i| (is[i] / ought[i] - 1.0).abs() < 5e-3), "{is:?} instead of {ought:?}");
+        // Slant range would say 2.4 m in the corner; it is the depth along the axis, 2 m, that a pixel's size goes by.
+        near(metres(319.5, 239.5, 0.0), [2.0, 2.0]);
+        near(metres(10.0, 10.0, 0.0), [2.0, 2.0]);
+        near(metres(319.5, 239.5, 30.0), [2.0, 2.0 / 30f64.to_radians().cos()]);
+    }
+}
