@@ -141,6 +141,7 @@ fn prepare_to_write(path: &Path, options: &Options, threads: &Threads) -> Result
 
 fn prepared(recording: Recording, mut scan: Scan, options: &Options) -> Result<Prepared> {
     let survey = survey(&recording, &mut scan, &options.selection, &options.rig, &options.config)?;
+    scan.forget_readings();
     Ok(Prepared { recording, scan, survey })
 }
 

@@ -110,6 +110,9 @@ fn is_probed(index: usize) -> bool {
     index < 3 || index.is_power_of_two()
 }
 
+/// Attitudes nearer than this tell no more of a vehicle, and hours at hundreds a second would fill memory [s].
+const ATTITUDES_APART_S: f64 = 0.015;
+
 /// Blocks under way, for each core [byte].
 const UNDER_WAY: usize = 16 << 20;
 
@@ -181,6 +184,13 @@ fn wanted_blocks(recording: &Recording, window: Window) -> Vec<(u32, &Block)> {
 }
 
 impl Scan {
+    /// Drops what the sensors said, once a survey has taken what it needs: it grows with the log.
+    pub fn forget_readings(&mut self) {
+        for channel in self.channels.values_mut() {
+            (channel.pings, channel.depths, channel.heights, channel.attitudes) = Default::default();
+        }
+    }
+
     /// Messages of no declared channel, as the loss they are.
     pub fn homeless_damage(&self) -> Option<Damage> {
         let reason = format!("{} messages belong to no channel and are left out", self.homeless);
@@ -268,7 +278,13 @@ impl ChannelScan {
                 }
             }
             Kind::Attitude(decode) => match decode(&value)? {
-                Some(rotation) => self.attitudes.push((stamp, logged, rotation)),
+                Some(rotation) => {
+                    // By both times: stamps may stand still, and messages be logged in bursts.
+                    let near = |from: Stamp, to: Stamp| (0.0..ATTITUDES_APART_S).contains(&to.seconds_since(from));
+                    if !self.attitudes.last().is_some_and(|(s, l, _)| near(*s, stamp) && near(*l, logged)) {
+                        self.attitudes.push((stamp, logged, rotation));
+                    }
+                }
                 None => self.without_attitude += 1,
             },
             Kind::LightSetting(decode) => self.settings.push((stamp, decode(&value)?)),

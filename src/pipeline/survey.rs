@@ -387,7 +387,7 @@ fn attitude(
         .channels
         .iter()
         .filter(|(_, c)| !c.attitudes.is_empty())
-        .max_by_key(|(id, c)| (c.attitudes.len(), std::cmp::Reverse(**id)))
+        .max_by_key(|(id, c)| (c.count.saturating_sub(c.without_attitude), std::cmp::Reverse(**id)))
         .map(|(id, _)| *id);
     let Some((id, channel)) = best.and_then(|id| Some((id, scan.channels.get(&id)?))) else {
         remarks.push(

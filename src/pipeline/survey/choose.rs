@@ -57,7 +57,9 @@ pub fn choose_camera(recording: &Recording, scan: &Scan, selection: &Selection, 
 /// The range channel that tells most: beams before a single range before a bare altitude, and more answers before fewer.
 pub fn choose_ranges(recording: &Recording, scan: &Scan, wanted: Option<&String>, rig_file: &RigFile) -> Result<u16> {
     let candidates = scan.decoders.iter().filter_map(|(id, d)| if let Kind::Ping(rank, _) = d.message_type.kind { Some((*id, rank)) } else { None });
-    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| wanted.is_none_or(|t| *t == topic(recording, *id))).collect();
+    // The cloud that a corrected log got is no instrument.
+    let is_meant = |topic: &String| wanted.map_or(!topic.starts_with("/unwater/"), |wanted| wanted == topic);
+    let candidates: Vec<(u16, u8)> = candidates.filter(|(id, _)| is_meant(&topic(recording, *id))).collect();
     let score = |id: u16, rank: u8| {
         let (plane, beam, altitude) = scan.channels.get(&id).map_or((0, 0, 0), ChannelScan::ping_counts);
         let quality = if plane > 0 {
