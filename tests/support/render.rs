@@ -49,7 +49,6 @@ const EXPOSED_TO: f64 = 0.85;
 const FULL_WELL_E: f64 = 15_000.0;
 const READ_NOISE_E: f64 = 5.0;
 const ATTITUDE_NOISE_RAD: f64 = 0.0005;
-const VELOCITY_NOISE_M_PER_S: f64 = 0.003;
 /// Backscatter's attenuation over the direct light's.
 pub const BACKSCATTER_ATTENUATION_RATIO: f64 = 1.1;
 const SCATTER_POINTS: usize = 24;
@@ -90,6 +89,7 @@ pub struct Dive {
     pub tilt_deg: f64,               // amplitude of roll and of pitch
     pub lost_beams: f64,             // chance of each beam of each ping to be lost
     pub range_noise: f64,            // standard deviation of a range, as a fraction of it
+    pub velocity_noise_m_per_s: f64, // of each axis of the DVL's velocity
     pub spreading_exponent: f64,     // p
     pub backscatter: f64,            // over direct light, means over dive and bands at gain 1
     pub half_power_frames: f64,      // fraction of frames with gain 0.5 (at least one where above 0)
@@ -107,7 +107,7 @@ impl Default for Dive {
         Self {
             seed: 1, frames: 24, frames_per_s: 1.0, width: 384, height: 288, focal_px: 460.0, distortion: [0.0; 5],
             attenuation_per_m: [0.45, 0.14, 0.10], attenuation_drift: 0.0, altitude_m: (1.5, 3.0),
-            slope_deg: (2.0, 1.0), relief_m: 0.0, tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, spreading_exponent: 2.0,
+            slope_deg: (2.0, 1.0), relief_m: 0.0, tilt_deg: 3.0, lost_beams: 0.04, range_noise: 0.005, velocity_noise_m_per_s: 0.003, spreading_exponent: 2.0,
             backscatter: 0.0, half_power_frames: 0.0, gain_channel: None, return_leg: false, vignetting: false, sensor: Sensor::Bayer16,
             dvl: DvlType::MarineAcoustic, second_strobe: false, with_imu: true, with_strobe_mount: true, noise: true,
         }
@@ -594,7 +594,7 @@ impl Dive {
         let t = ns as f64 * 1e-9;
         let place = |t: f64| { let (at, attitude) = self.pose(t); at + attitude * V3::from(DVL_IN_BASE) };
         let dvl_from_world = (self.pose(t).1 * base_from_dvl()).inverse();
-        let fluke = V3::from_fn(|axis, _| VELOCITY_NOISE_M_PER_S * gaussian(hash(self.seed, (3 * n + axis) as u64, 0x0e10)));
+        let fluke = V3::from_fn(|axis, _| self.velocity_noise_m_per_s * gaussian(hash(self.seed, (3 * n + axis) as u64, 0x0e10)));
         let velocity = dvl_from_world * (place(t + 1e-3) - place(t - 1e-3)) / 2e-3 + fluke;
         let (up, height) = (dvl_from_world * self.floor_normal(), self.floor_normal().dot(&place(t)));
         let beams = self.beams();
