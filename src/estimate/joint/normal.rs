@@ -318,7 +318,7 @@ fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]
     let all: Vec<f64> = misfits.iter().flat_map(|m| m[..bands].iter().copied()).collect();
     let residual = robust::scale(&all);
     // (expected log c, misfit), darkest first. Expected, not observed: sorted by its own noise, dim light that happens to be
-    // brighter would weigh more, and α come out too small (by 0.0005 per metre in a red that is near black).
+    // brighter would weigh more, and α come out too small (by 0.0001 per metre in the red of rendered dives).
     let mut scales = vec![[residual; 3]; rows.len()];
     for b in 0..bands {
         let expected = |i: usize| f64::from(rows[i].log_color[b]) - misfits[i][b];
