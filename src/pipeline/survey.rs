@@ -3,6 +3,7 @@
 
 mod checks;
 mod choose;
+mod facts;
 mod lights;
 mod mounts;
 
@@ -21,10 +22,11 @@ use crate::model::{LightSettingFile, ModelFile};
 use crate::recording::Recording;
 use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
-use crate::vehicle::{AttitudeTrack, Camera, CameraFacts, LampFacts, MountFacts, ResponseFacts, Rig, RigFile, SettingSeries, StrobeMount};
+use crate::vehicle::{AttitudeTrack, Camera, ResponseFacts, Rig, RigFile, SettingSeries};
 
 use super::scan::{ChannelScan, FrameRef, Scan};
 use choose::{choose_camera, choose_ranges};
+pub use facts::{facts_without_ranges, rig_facts};
 use lights::strobe_mount;
 use mounts::Mounts;
 
@@ -411,50 +413,4 @@ fn attitude(
     let at = |stamp: &Stamp, logged: &Stamp| if trusted { *stamp } else { shifted(*logged, clock) }.later(offset_s);
     let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (at(stamp, logged), q * sensor_from_body));
     (Some(name), AttitudeTrack::new(samples.collect(), config.seafloor.max_attitude_gap_s))
-}
-
-/// What is known of the camera and the strobe where a log has no ranges: the pictures' size, a calibration, the mounts.
-pub fn facts_without_ranges(recording: &Recording, scan: &Scan, selection: &Selection, given: &RigFile) -> RigFile {
-    let Ok(topic) = choose_camera(recording, scan, selection, &mut Vec::new()) else { return RigFile::default() };
-    let ids = channels_of(recording, scan, &topic, |k| matches!(k, Kind::Picture(_)));
-    let of_camera: Vec<&ChannelScan> = ids.iter().filter_map(|id| scan.channels.get(id)).collect();
-    let picture = of_camera.iter().find_map(|c| c.picture);
-    let mut camera = match checks::nearest_calibration(recording, scan, &topic, picture) {
-        Some(camera) => CameraFacts::of(&camera),
-        None => CameraFacts { width: picture.map(|p| p.0), height: picture.map(|p| p.1), ..CameraFacts::default() },
-    };
-    let mounts = Mounts::new(recording, scan);
-    let camera_frame = of_camera.iter().map(|c| c.frame_id.as_str()).find(|f| !f.is_empty()).unwrap_or_default();
-    let (body_frame, pose) = mounts.root(camera_frame);
-    let mut file = RigFile::default();
-    if body_frame != camera_frame {
-        camera.mount = Some(MountFacts::of(pose));
-        let strobe = strobe_mount(&mounts, &body_frame, selection, given, Transform::from_isometry(pose), &mut Vec::new());
-        strobe.iter().for_each(|strobe| put_lamps(&mut file, strobe));
-    }
-    file.camera = camera;
-    file
-}
-
-/// Where the lamps sit, if that is known.
-fn put_lamps(file: &mut RigFile, strobe: &StrobeMount) {
-    let mounts: Vec<_> = strobe.lamps.poses().map(|(pose, share)| (MountFacts::of(pose), share)).collect();
-    match mounts.as_slice() {
-        [(one, _)] => file.strobe.mount = strobe.source.as_ref().map(|_| one.clone()),
-        several => file.strobe.lamps = Some(several.iter().map(|(mount, share)| LampFacts::of(mount, *share)).collect()),
-    }
-}
-
-/// The rig as a rig file, with what the user gave of the instrument: for `init` and for the output's attachment.
-pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
-    let mut file = RigFile { dvl: given.dvl.clone(), time_offset_s: given.time_offset_s.clone(), ..RigFile::default() };
-    file.camera = CameraFacts::of(&rig.camera.as_calibrated());
-    file.camera.medium = given.camera.medium;
-    (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
-    (file.camera.full_well_e, file.camera.read_noise_e) = (given.camera.full_well_e, given.camera.read_noise_e);
-    file.camera.response.clone_from(&given.camera.response);
-    file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
-    file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
-    put_lamps(&mut file, &rig.strobe);
-    file
 }
