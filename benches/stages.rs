@@ -180,7 +180,9 @@ fn keypoints_and_samples(bencher: Bencher) {
     let mut light = LinearImage::new(SIZE.0, SIZE.1, 3);
     light.pixels.chunks_exact_mut(3 * SIZE.0).enumerate().for_each(|(y, row)| codes.light_row(y, row));
     let image = SensorImage { light, mosaic: None };
-    bencher.counter(pixels()).bench(|| samples((0, Stamp(0)), &image, &scene.view(), true, &config.matching, &config.estimate).sights.len());
+    bencher
+        .counter(pixels())
+        .bench(|| samples((0, Stamp(0)), &image, &scene.view(), Some(f64::INFINITY), &config.matching, &config.estimate).sights.len());
 }
 
 fn sample_log() -> PathBuf {

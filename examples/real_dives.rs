@@ -92,7 +92,7 @@ fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let relief = survey.pings.relief(stamp, &plane, &survey.rig);
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
-        Some((time, samples((index, stamp), &image, &view, true, &options.config.matching, &options.config.estimate)))
+        Some((time, samples((index, stamp), &image, &view, Some(f64::INFINITY), &options.config.matching, &options.config.estimate)))
     };
     decoded(&log.recording, &log.scan, &survey.camera_topic).into_iter().enumerate().filter_map(of).collect()
 }

@@ -172,7 +172,7 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
 
 /// What all frames get wrong alike goes with height, as exponent and place do, and so is mistaken for them more easily than
 /// what each gets wrong by itself; by rendered dives.
-const ALIKE_OVER_SINGLY: f64 = 1.7;
+const ALIKE_OVER_SINGLY: f64 = 2.0;
 
 /// With the exponent or the strobe's place free, α is less sure by this factor: of what frames get wrong singly, as the solve
 /// itself says, and more so of what all get wrong alike.

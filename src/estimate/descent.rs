@@ -7,9 +7,13 @@ use super::joint::places::PlaceStep;
 
 const STEPS: usize = 25;
 const LONGEST_STEP: f64 = 0.25;
-const SETTLED: f64 = 5e-4;
+/// A step so short is the last.
+pub const SETTLED: f64 = 5e-4;
 /// A step of so many standard deviations says nothing.
 const TELLING: f64 = 0.1;
+
+/// What is found at a place: the residual there, and the step that it asks for.
+pub type Asked = (f64, PlaceStep);
 
 /// Where the residual is least.
 #[derive(Clone, Copy, Debug)]
@@ -18,19 +22,17 @@ pub struct Lowest {
     pub place: Vector3<f64>,
     /// standard deviation of each
     pub std: Vector3<f64>,
-    /// residual there [log light]
-    pub residual: f64,
+    /// residual at the start and there [log light]
+    pub residual: [f64; 2],
 }
 
-/// Goes down from `place`, where the residual is `residual`.
-pub fn descend(
-    (mut place, mut residual): (Vector3<f64>, f64),
-    residual_at: &dyn Fn(Vector3<f64>) -> Option<f64>,
-    asked_at: &dyn Fn(Vector3<f64>) -> Option<PlaceStep>,
-) -> Option<Lowest> {
+/// Goes down from `place`, until steps are shorter than `settled`. A place that is tried is nearly always taken, so it is asked for its own step at once: one solve
+/// a step.
+pub fn descend(mut place: Vector3<f64>, settled: f64, asked_at: &dyn Fn(Vector3<f64>) -> Option<Asked>) -> Option<Lowest> {
+    let (first, mut asked) = asked_at(place)?;
+    let mut residual = first;
     let mut std = Vector3::repeat(f64::NAN);
     for _ in 0..STEPS {
-        let asked = asked_at(place)?;
         let (whole, of_three) = (Vector3::from_row_slice(asked.step.get(..3)?), Vector3::from_row_slice(asked.std.get(..3)?));
         std = of_three;
         if whole.iter().zip(&std).all(|(step, std)| step.abs() < TELLING * std) {
@@ -39,15 +41,15 @@ pub fn descend(
         let mut step = whole * (LONGEST_STEP / whole.norm()).min(1.0);
         let mut taken = false;
         for _ in 0..5 {
-            if let Some(r) = residual_at(place + step).filter(|r| *r < residual) {
-                (place, residual, taken) = (place + step, r, true);
+            if let Some((lower, next)) = asked_at(place + step).filter(|(r, _)| *r < residual) {
+                (place, residual, asked, taken) = (place + step, lower, next, true);
                 break;
             }
             step *= 0.4;
         }
-        if !taken || step.norm() < SETTLED {
+        if !taken || step.norm() < settled {
             break;
         }
     }
-    Some(Lowest { place, std, residual })
+    Some(Lowest { place, std, residual: [first, residual] })
 }

@@ -87,13 +87,12 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
     };
     let kept = spread(found.into_iter().map(keypoint).collect(), image, config.keypoints_per_frame);
     // What a keypoint looks like is costly, and told of those that are kept only.
-    let mut gradients: Vec<Vec<Option<Gradients>>> = octaves.iter().map(|levels| levels.iter().map(|_| None).collect()).collect();
-    let mut described = |(u, v, e): (f64, f64, Extremum)| {
-        let level = gradients[e.octave][e.level].get_or_insert_with(|| Gradients::of(&octaves[e.octave][e.level]));
+    let described = |(u, v, e): (f64, f64, Extremum)| {
+        let level = &octaves[e.octave][e.level];
         let angle = level.orientation(e.u, e.v, e.sigma);
         Keypoint { u, v, response: e.response, descriptor: level.descriptor(e.u, e.v, e.sigma, angle) }
     };
-    kept.into_iter().map(&mut described).collect()
+    kept.into_iter().map(described).collect()
 }
 
 /// Mean of the bands, reduced by an integer factor, in logarithm.
@@ -161,11 +160,12 @@ fn halved(plane: &Plane) -> Plane {
 
 fn extrema(differences: &[Plane], octave: usize, threshold: f32, found: &mut Vec<Extremum>) {
     let (w, h) = (differences[0].width, differences[0].height);
+    let mut stands_out = vec![false; w];
     for s in 1..=SCALES {
         for y in BORDER..h - BORDER {
+            beyond_neighbours(&differences[s], y, 0.5 * threshold, &mut stands_out);
             for x in BORDER..w - BORDER {
-                let value = differences[s].at(x, y);
-                if value.abs() < 0.5 * threshold || !is_extreme(&differences[s - 1..=s + 1], x, y, value) {
+                if !stands_out[x] || !is_extreme([&differences[s - 1], &differences[s + 1]], x, y, differences[s].at(x, y)) {
                     continue;
                 }
                 if let Some((u, v, response, scale)) = refined(differences, s, x, y)
@@ -178,15 +178,24 @@ fn extrema(differences: &[Plane], octave: usize, threshold: f32, found: &mut Vec
     }
 }
 
-fn is_extreme(three: &[Plane], x: usize, y: usize, value: f32) -> bool {
-    // Its own plane first, as that has the nearest neighbours; there the place itself is none.
+/// Which places of a row are at least so strong and beyond all eight neighbours: without a branch, as hardly any is.
+fn beyond_neighbours(plane: &Plane, y: usize, threshold: f32, stands_out: &mut [bool]) {
+    let w = plane.width;
+    let row = |y: usize| &plane.data[y * w..][..w];
+    let (above, here, below, inner) = (row(y - 1), row(y), row(y + 1), &mut stands_out[1..w - 1]);
+    let (more, less) = (|a: f32, b: f32| if a > b { a } else { b }, |a: f32, b: f32| if a < b { a } else { b });
+    for (x, out) in inner.iter_mut().enumerate() {
+        let around = [above[x], above[x + 1], above[x + 2], here[x], here[x + 2], below[x], below[x + 1], below[x + 2]];
+        let (most, least) = (around.into_iter().fold(around[0], more), around.into_iter().fold(around[0], less));
+        let value = here[x + 1];
+        *out = ((value >= threshold) & (value > most)) | ((value <= -threshold) & (value < least));
+    }
+}
+
+/// Whether it is beyond the nine places of both neighbours in scale, too.
+fn is_extreme(scales: [&Plane; 2], x: usize, y: usize, value: f32) -> bool {
     let beats = |o: f32| if value > 0.0 { value > o } else { value < o };
-    let row = |plane: &Plane, y: usize| -> [f32; 3] { std::array::from_fn(|i| plane.data[y * plane.width + x - 1 + i]) };
-    let [l, _, r] = row(&three[1], y);
-    beats(l)
-        && beats(r)
-        && [y - 1, y + 1].iter().all(|j| row(&three[1], *j).into_iter().all(beats))
-        && [0, 2].iter().all(|k| (y - 1..=y + 1).all(|j| row(&three[*k], j).into_iter().all(beats)))
+    scales.iter().all(|plane| (y - 1..=y + 1).all(|j| plane.data[j * plane.width + x - 1..][..3].iter().copied().all(beats)))
 }
 
 /// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it runs away or lies on an edge.
@@ -226,42 +235,42 @@ fn turns(y: f32, x: f32) -> f32 {
     if y < 0.0 { 1.0 - half } else { half }
 }
 
-/// Strength of the gradient and its direction [turns] of every pixel; none at the edges.
-struct Gradients {
-    width: usize,
-    height: usize,
-    data: Vec<(f32, f32)>,
-}
-
-impl Gradients {
-    fn of(level: &Plane) -> Self {
-        let (width, height) = (level.width, level.height);
-        let mut data = vec![(0.0, 0.0); width * height];
-        for y in 1..height - 1 {
-            let row = |y: usize| &level.data[y * width..][..width];
-            let (above, here, below) = (row(y - 1), row(y), row(y + 1));
-            for (x, out) in data[y * width..][..width].iter_mut().enumerate().take(width - 1).skip(1) {
-                let (gx, gy) = (here[x + 1] - here[x - 1], below[x] - above[x]);
-                *out = ((gx * gx + gy * gy).sqrt(), turns(gy, gx));
-            }
-        }
-        Self { width, height, data }
-    }
-
+impl Plane {
     /// Gradients in the square around a place, row by row: where each lies from it [px], its strength under a Gaussian of
-    /// exponent `per_square` · r², its direction.
-    fn around(&self, (u, v): (f32, f32), radius: usize, per_square: f32, mut take: impl FnMut(f32, f32, f32, f32)) {
+    /// exponent `per_square` · r², its direction [turns]. `within` gives the columns of interest of a row, from the place on.
+    fn around(
+        &self,
+        (u, v): (f32, f32),
+        radius: usize,
+        per_square: f32,
+        within: impl Fn(f32) -> (f32, f32),
+        mut take: impl FnMut(f32, f32, f32, f32),
+    ) {
+        // At the edges there is none.
         let span = |centre: f32, count: usize| {
             let centre = centre.round() as usize;
-            centre.saturating_sub(radius)..(centre + radius + 1).min(count)
+            centre.saturating_sub(radius).max(1)..(centre + radius + 1).min(count - 1)
         };
         let falloff = |d: f32| (d * d * per_square).exp();
         let columns = span(u, self.width);
         let across: Vec<(f32, f32)> = columns.clone().map(|x| x as f32 - u).map(|d| (d, falloff(d))).collect();
+        let (mut strengths, mut directions) = (vec![0f32; across.len()], vec![0f32; across.len()]);
         for y in span(v, self.height) {
             let py = y as f32 - v;
             let down = falloff(py);
-            for ((px, weight), (strength, direction)) in across.iter().zip(&self.data[y * self.width..][columns.clone()]) {
+            let (from, to) = within(py);
+            // A pixel more on both sides: what lies on the very edge is for `take` to say.
+            let from = ((u + from).floor() as usize).clamp(columns.start, columns.end);
+            let to = (((u + to).ceil() + 1.0) as usize).clamp(from, columns.end);
+            let (count, row) = (to - from, |y: usize, x: usize| &self.data[y * self.width + x..][..to - from]);
+            let (left, right, above, below) = (row(y, from - 1), row(y, from + 1), row(y - 1, from), row(y + 1, from));
+            let (strengths, directions) = (&mut strengths[..count], &mut directions[..count]);
+            for i in 0..count {
+                let (gx, gy) = (right[i] - left[i], below[i] - above[i]);
+                strengths[i] = (gx * gx + gy * gy).sqrt();
+                directions[i] = turns(gy, gx);
+            }
+            for ((px, weight), (strength, direction)) in across[from - columns.start..].iter().zip(strengths.iter().zip(&*directions)) {
                 take(*px, py, strength * weight * down, *direction);
             }
         }
@@ -272,7 +281,8 @@ impl Gradients {
         const BINS: usize = 36;
         let mut histogram = [0f32; BINS];
         let per_square = -0.5 / (1.5 * sigma).powi(2);
-        self.around((u.round(), v.round()), (4.5 * sigma).round() as usize, per_square, |_, _, strength, direction| {
+        let (centre, radius, all) = ((u.round(), v.round()), (4.5 * sigma).round() as usize, |_| (f32::NEG_INFINITY, f32::INFINITY));
+        self.around(centre, radius, per_square, all, |_, _, strength, direction| {
             histogram[(direction * BINS as f32 + 0.5) as usize % BINS] += strength;
         });
         for _ in 0..2 {
@@ -296,7 +306,14 @@ impl Gradients {
         let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);
         let per_px = 1.0 / (3.0 * sigma);
         let radius = (3.0 * sigma * std::f32::consts::SQRT_2 * 2.5).round() as usize;
-        self.around((u, v), radius, -per_px * per_px / 8.0, |px, py, weight, direction| {
+        // The turned square's edges on a row: where either of its axes is left.
+        let half = 2.5 / per_px;
+        let within = |py: f32| {
+            let edges = |middle: f32, slope: f32| ((middle - half.copysign(slope)) / slope, (middle + half.copysign(slope)) / slope);
+            let (along, square) = (edges(-sin * py, cos), edges(cos * py, sin));
+            (along.0.max(square.0), along.1.min(square.1))
+        };
+        self.around((u, v), radius, -per_px * per_px / 8.0, within, |px, py, weight, direction| {
             let (rx, ry) = ((cos * px + sin * py) * per_px, (cos * py - sin * px) * per_px);
             if rx.abs() >= 2.5 || ry.abs() >= 2.5 {
                 return;

@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Samples;
 use super::candidates::LEAST_FRAMES;
-use super::descent::{Lowest, descend};
+use super::descent::{Lowest, SETTLED, descend};
 use super::joint::places::Place;
 use super::joint::{Problem, Setting, strobe_places};
 use super::samples::{FrameSamples, PLANES_AROUND_S, Sight};
@@ -125,10 +125,6 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
     let setting = Setting { rounds: 5, ..samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config) };
     let mount = samples.lamps;
     let at = |by: Vector3<f64>| Shift { samples, by, instrument };
-    let residual_at = |by: Vector3<f64>| -> Option<f64> {
-        let shift = at(by);
-        Some(Problem::new(&some, &setting, mount, &|o, m| shift.path(o, m))?.solve(setting.rounds)?.residual)
-    };
     let asked_at = |by: Vector3<f64>| {
         let shift = at(by);
         let paths = |o: &Observation, m| shift.path(o, m);
@@ -145,17 +141,16 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
         if samples.strobe_is_free {
             places.extend(strobe_places(mount, &paths));
         }
-        problem.place_step(&some, &places, &solution)
+        Some((solution.residual, problem.place_step(&some, &places, &solution)?))
     };
-    let first = residual_at(Vector3::zeros())?;
-    let Lowest { place, std, residual } = descend((Vector3::zeros(), first), &residual_at, &asked_at)?;
+    let Lowest { place, std, residual } = descend(Vector3::zeros(), SETTLED, &asked_at)?;
     std.iter().all(|s| s.is_finite()).then(|| FoundMounts {
         clock_offset_s: place.x,
         clock_offset_std_s: std.x,
         turn_rad: at(place).turn(),
         turn_about_axes_rad: [place.y, place.z],
         turn_std_rad: [std.y, std.z],
-        residual: [first, residual],
+        residual,
         turn_is_attitudes: samples.frames.iter().filter(|f| f.is_level_assumed).count() * 2 > samples.frames.len(),
         at_least: samples.strobe_is_free,
     })

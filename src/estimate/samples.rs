@@ -20,8 +20,10 @@ use crate::vehicle::Lamps;
 
 use super::keypoints::{Keypoint, keypoints};
 
-/// Rungs of the ladder above a keypoint's own smallest: factor √2 each, so views up to 4× nearer find theirs.
+/// Rungs of the ladder from a keypoint's own smallest on: factor √2 each, so views up to 4× nearer find theirs.
 const RUNGS: usize = 5;
+/// Rungs beyond what altitudes ask for: a place at the rim, or on a slope, is farther than the altitude says.
+const SPARE_RUNGS: f64 = 2.0;
 /// Patches are cut at this many standard deviations.
 const PATCH_SIGMAS: f64 = 2.5;
 
@@ -118,12 +120,17 @@ fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Op
     Some([(area * aspect).sqrt(), (area / aspect).sqrt()]).filter(|m| m.iter().all(|m| *m > 0.0 && m.is_finite()))
 }
 
-/// Takes the samples of one frame.
+/// Rungs for a frame at an altitude, if the highest that sees the same points is at another [m].
+fn rungs(altitude_m: f64, highest_m: f64) -> usize {
+    (1.0 + SPARE_RUNGS + (2.0 * (highest_m / altitude_m).log2()).ceil()) as usize
+}
+
+/// Takes the samples of one frame; keypoints where they are told how high the highest frame is [m].
 pub fn samples(
     (frame, stamp): (usize, Stamp),
     image: &SensorImage,
     view: &View<'_>,
-    with_keypoints: bool,
+    keypoints_up_to_m: Option<f64>,
     matching: &MatchingConfig,
     config: &EstimateConfig,
 ) -> FrameSamples {
@@ -146,16 +153,17 @@ pub fn samples(
     };
     let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);
     taken.mean_light = whole.mean.map(f64::from);
-    if !with_keypoints {
-        return taken;
-    }
+    let Some(highest_m) = keypoints_up_to_m else { return taken };
+    let rungs = rungs(taken.camera_altitude_m, highest_m);
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
         let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y) else { continue };
         let Some(pixel_m) = pixel_on_seafloor_m(view, keypoint.u, keypoint.v, &hit) else { continue };
         let first_rung = (2.0 * (matching.footprint_px * (pixel_m[0] * pixel_m[1]).sqrt() / 1e-3).log2()).ceil() as i32;
         let sigma_px = |rung: i32| pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt());
-        let ladder = std::array::from_fn(|k| pooled(image, keypoint.u, keypoint.v, sigma_px(first_rung + k as i32), config));
+        let on_rung =
+            |k: usize| if k < rungs { pooled(image, keypoint.u, keypoint.v, sigma_px(first_rung + k as i32), config) } else { [f32::NAN; 3] };
+        let ladder = std::array::from_fn(on_rung);
         taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] }, first_rung, ladder });
         taken.places.push((x, y));
         taken.keypoints.push(keypoint);
@@ -287,6 +295,12 @@ mod tests {
         let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
         let hit = view.seafloor_point(u, v).expect("a place").hit;
         pixel_on_seafloor_m(&view, u, v, &hit).map(|m| m.map(|m| m * camera.fx)).expect("its size")
+    }
+
+    #[test]
+    fn the_ladder_reaches_the_highest_frame_and_no_further() {
+        assert_eq!([rungs(3.0, 3.0), rungs(1.5, 3.0), rungs(1.0, 1.5)], [3, RUNGS, RUNGS]);
+        assert_eq!(rungs(1.0, f64::INFINITY), usize::MAX, "nobody knows: all of them");
     }
 
     #[test]

@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 
 use super::Samples;
-use super::descent::{Lowest, descend};
+use super::descent::{Lowest, SETTLED, descend};
 use super::joint::{PathFor, Problem, Setting, strobe_places};
 use super::tracks::Track;
 use crate::config::{EstimateConfig, StrobePosition};
@@ -49,6 +49,8 @@ pub struct PlacedStrobe {
 
 /// A place that moved less than this, or less than three standard deviations, does not contradict the given one [m].
 const CONTRADICTION_M: f64 = 0.06;
+/// A given place is only checked: shorter steps hardly add up to a contradiction [m].
+const CHECKED_M: f64 = CONTRADICTION_M / 10.0;
 /// A place less sure than this is not found [m].
 const UNSURE_M: f64 = 0.15;
 
@@ -71,7 +73,9 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place by centimetres.
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let setting = Setting { rounds: 5, ..samples.setting(nodes, config) };
-    let found = search_strobe(samples.tracks, &setting, start, choice == StrobePosition::Find, &|o, mount| samples.path_from(o, mount));
+    let settled = if choice == StrobePosition::Auto { CHECKED_M } else { SETTLED };
+    let around = choice == StrobePosition::Find;
+    let found = search_strobe(samples.tracks, &setting, (start, around, settled), &|o, mount| samples.path_from(o, mount));
     let Some(found) = found else { return kept(unknown(), None) };
     let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
     let is_sure = std.is_finite() && std < UNSURE_M;
@@ -92,19 +96,20 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     }
 }
 
-/// Searches from `start`; `around` adds places beside it, for a start that is a mere guess. `None` where the log
-/// does not hold the solve.
-fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Lamps, around: bool, paths: &PathFor<'_>) -> Option<FoundStrobe> {
+/// Searches from `start`; `around` adds places beside it, for a start that is a mere guess; steps shorter than `settled`
+/// end it [m]. `None` where the log does not hold the solve.
+fn search_strobe(tracks: &[Track], setting: &Setting<'_>, (start, around, settled): (Lamps, bool, f64), paths: &PathFor<'_>) -> Option<FoundStrobe> {
     let observations: usize = tracks.iter().map(Vec::len).sum();
     let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
     let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();
     let at = |place: Vector3<f64>| start.moved_to(place);
-    let residual_at = |place: Vector3<f64>| -> Option<f64> { Some(Problem::new(&some, setting, at(place), paths)?.solve(setting.rounds)?.residual) };
-
     let mut place = start.origin().vector();
-    let first = residual_at(place)?;
-    let mut residual = first;
+    let mut at_start = None;
     if around {
+        let residual_at =
+            |place: Vector3<f64>| -> Option<f64> { Some(Problem::new(&some, setting, at(place), paths)?.solve(setting.rounds)?.residual) };
+        let mut residual = residual_at(place)?;
+        at_start = Some(residual);
         // Beside the camera, square to where it looks.
         let (right, down) = (start.isometry().rotation * Vector3::x(), start.isometry().rotation * Vector3::y());
         for offset in [right, -right, down, -down] {
@@ -117,9 +122,9 @@ fn search_strobe(tracks: &[Track], setting: &Setting<'_>, start: Lamps, around: 
     let asked_at = |place: Vector3<f64>| {
         let mut problem = Problem::new(&some, setting, at(place), paths)?;
         let solution = problem.solve(setting.rounds)?;
-        problem.place_step(&some, &strobe_places(at(place), paths), &solution)
+        Some((solution.residual, problem.place_step(&some, &strobe_places(at(place), paths), &solution)?))
     };
-    let Lowest { place, std, residual } = descend((place, residual), &residual_at, &asked_at)?;
+    let Lowest { place, std, residual: [first, last] } = descend(place, settled, &asked_at)?;
     let moved_m = (place - start.origin().vector()).norm();
-    Some(FoundStrobe { lamps: at(place), std_m: std.into(), residual: [first, residual], moved_m })
+    Some(FoundStrobe { lamps: at(place), std_m: std.into(), residual: [at_start.unwrap_or(first), last], moved_m })
 }

@@ -109,7 +109,7 @@ impl Bench {
     /// A frame's samples, with keypoints where they are wanted.
     pub fn samples(&self, frame: &BenchFrame, with_keypoints: bool) -> FrameSamples {
         let of = (frame.index, frame.stamp);
-        samples(of, &frame.image, &self.view(frame), with_keypoints, &self.config.matching, &self.config.estimate)
+        samples(of, &frame.image, &self.view(frame), with_keypoints.then_some(f64::INFINITY), &self.config.matching, &self.config.estimate)
     }
 
     /// Log colours over a coarse grid of a frame, and the light's way to each.

@@ -105,8 +105,11 @@ impl Pace {
     }
 }
 
+/// Height of the camera over the seafloor; NaN where there is none.
 fn altitude_m(survey: &Survey, config: &Config, frame: &FrameRef) -> f64 {
-    survey.pings.seafloor(frame.stamp, &survey.rig, &config.seafloor).map_or(f64::NAN, |plane| plane.distance_m)
+    let rig = &survey.rig;
+    let plane = survey.pings.seafloor(frame.stamp, rig, &config.seafloor);
+    plane.map_or(f64::NAN, |plane| View { camera: &rig.camera, rig, plane: &plane, relief: None }.camera_altitude_m())
 }
 
 /// Takes samples of `most` frames at most and matches neighbours.
@@ -124,10 +127,10 @@ pub fn collect(
 ) -> Result<Collected> {
     let pace = Pace::of(survey, config, most);
     let offered: Vec<&FrameRef> = survey.frames.iter().step_by(pace.step).collect();
-    // Where all are taken, nobody asks how high they are.
-    let are_all = offered.len() <= most;
-    let altitudes: Vec<f64> = offered.iter().map(|frame| if are_all { f64::NAN } else { altitude_m(survey, config, frame) }).collect();
-    let chosen: BTreeSet<usize> = chosen_frames(&altitudes, most).into_iter().map(|place| place * pace.step).collect();
+    let altitudes: Vec<f64> = offered.iter().map(|frame| altitude_m(survey, config, frame)).collect();
+    let places = chosen_frames(&altitudes, most);
+    let highest_m = places.iter().map(|place| altitudes[*place]).fold(0.0, f64::max);
+    let chosen: BTreeSet<usize> = places.into_iter().map(|place| place * pace.step).collect();
     let mut collected = Collected { is_all: chosen.len() == survey.frames.len(), ..Collected::default() };
     progress.begin(Step::Estimate, chosen.len());
     let wants_average = config.render.method.needs_mean_frames();
@@ -140,7 +143,7 @@ pub fn collect(
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
         let relief = survey.pings.relief(stamp, &plane, &survey.rig);
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
-        let mut taken = samples((index, stamp), &image, &view, with_keypoints, &config.matching, &config.estimate);
+        let mut taken = samples((index, stamp), &image, &view, with_keypoints.then_some(highest_m), &config.matching, &config.estimate);
         taken.eight_bit = bits <= 8;
         let plane_at = |offset_s: f64| {
             let plane = survey.pings.seafloor(stamp.later(offset_s), &survey.rig, &config.seafloor).ok()?;
