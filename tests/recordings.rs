@@ -87,7 +87,7 @@ fn a_topics_offset_moves_its_pings_and_frames() {
     rig.time_offset_s.insert(plain.camera_topic.clone(), -0.5);
     rig.time_offset_s.insert("/nowhere".into(), 1.0);
     let moved = prepare(&path, &Options { rig, ..Options::default() }).unwrap().survey;
-    for (a, b) in plain.pings.all().iter().zip(moved.pings.all()) {
+    for (a, b) in plain.pings.all().zip(moved.pings.all()) {
         assert_eq!(b.stamp.0 - a.stamp.0, 250_000_000);
     }
     for (a, b) in plain.frames.iter().zip(&moved.frames) {

@@ -269,7 +269,7 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
         "frames_with_seafloor": altitudes.len(),
         "camera_altitude_m": if altitudes.is_empty() { None } else { Some([altitudes.iter().copied().fold(f64::INFINITY, f64::min), altitudes.iter().copied().fold(0.0, f64::max)]) },
         "dvl": s.dvl_topic,
-        "pings": s.pings.all().len(),
+        "pings": s.pings.count(),
         "attitude": s.attitude_topic,
         "strobe": s.rig.strobe.source,
         "white_level": s.white_level,

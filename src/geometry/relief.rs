@@ -14,6 +14,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::SeafloorPlane;
+use super::ping_log::PingLog;
 use crate::spaces::{Body, Point};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
@@ -49,13 +50,13 @@ pub struct Way(Vec<(u32, Vector3<f64>)>);
 
 impl Way {
     /// Adds up the pings' velocities; a new stretch begins wherever one is missing.
-    pub fn of(pings: &[Ping], attitude: &AttitudeTrack, rig: &Rig) -> Self {
+    pub fn of(pings: &PingLog, attitude: &AttitudeTrack, rig: &Rig) -> Self {
         let velocity = |p: &Ping| Some(attitude.world_from_body(p.stamp)? * (rig.body_from_dvl.isometry().rotation * p.velocity_m_per_s?));
         let (mut stretch, mut place) = (0, Vector3::zeros());
         let mut before: Option<(Stamp, Vector3<f64>)> = None;
         let mut way = Vec::with_capacity(pings.len());
-        for ping in pings {
-            let now = velocity(ping);
+        for ping in pings.iter() {
+            let now = velocity(&ping);
             match (before, now) {
                 (Some((stamp, v)), Some(now)) if ping.stamp.seconds_since(stamp) <= LONGEST_GAP_S => {
                     place += (v + now) / 2.0 * ping.stamp.seconds_since(stamp);
@@ -69,15 +70,15 @@ impl Way {
     }
 
     /// The place at a moment between two pings of one stretch.
-    pub fn at(&self, pings: &[Ping], stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
-        let after = pings.partition_point(|p| p.stamp <= stamp).min(pings.len().checked_sub(1)?);
+    pub fn at(&self, pings: &PingLog, stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
+        let after = pings.before(Stamp(stamp.0.saturating_add(1))).min(pings.len().checked_sub(1)?);
         let (a, b) = (after.checked_sub(1)?, after);
-        if pings[b].stamp < stamp {
+        if pings.stamp(b) < stamp {
             return None;
         }
         let (first, second) = (self.0.get(a)?, self.0.get(b)?);
-        let span = pings[b].stamp.seconds_since(pings[a].stamp);
-        let share = if span > 0.0 { stamp.seconds_since(pings[a].stamp) / span } else { 0.0 };
+        let span = pings.stamp(b).seconds_since(pings.stamp(a));
+        let share = if span > 0.0 { stamp.seconds_since(pings.stamp(a)) / span } else { 0.0 };
         (first.0 == second.0).then(|| (first.0, first.1.lerp(&second.1, share)))
     }
 }
@@ -126,18 +127,18 @@ pub struct Relief {
 }
 
 /// All hits around a moment, as heights over its plane.
-pub fn heights(pings: &[Ping], way: &Way, attitude: &AttitudeTrack, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Vec<Height> {
+pub fn heights(pings: &PingLog, way: &Way, attitude: &AttitudeTrack, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Vec<Height> {
     let axes = Axes::of(plane, rig);
     let instrument = rig.body_from_dvl.origin().vector();
-    let (first, last) = (pings.partition_point(|p| p.stamp < stamp.later(-WINDOW_S)), pings.partition_point(|p| p.stamp < stamp.later(WINDOW_S)));
+    let (first, last) = (pings.before(stamp.later(-WINDOW_S)), pings.before(stamp.later(WINDOW_S)));
     let here = way.at(pings, stamp);
-    let nearest = (first..last).filter(|i| pings[*i].returns() >= MANY_RETURNS).min_by(|a, b| {
-        let gap = |i: usize| pings[i].stamp.seconds_since(stamp).abs();
+    let nearest = (first..last).filter(|i| pings.get(*i).returns() >= MANY_RETURNS).min_by(|a, b| {
+        let gap = |i: usize| pings.stamp(i).seconds_since(stamp).abs();
         gap(*a).total_cmp(&gap(*b))
     });
     let mut found = Vec::new();
     for i in first..last {
-        let ping = &pings[i];
+        let ping = pings.get(i);
         let moved = match (here, way.0.get(i)) {
             (Some((stretch, place)), Some((s, p))) if *s == stretch => attitude.world_from_body(stamp).map(|q| q.inverse() * (p - place)),
             _ if Some(i) == nearest => Some(Vector3::zeros()),

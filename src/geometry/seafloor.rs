@@ -15,6 +15,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Vector3};
 
+use super::ping_log::PingLog;
 use super::relief::{Relief, Way, foretold, heights, is_worth_it};
 use crate::config::{SeafloorConfig, Switch};
 use crate::spaces::{Body, Direction, Point};
@@ -93,7 +94,7 @@ struct Hit {
 /// All pings of a log, in time order, with all that is needed to find planes.
 #[derive(Clone, Debug, Default)]
 pub struct Pings {
-    pings: Vec<Ping>,
+    pings: PingLog,
     attitude: AttitudeTrack,
     /// the instrument's way over the ground
     way: Way,
@@ -103,9 +104,8 @@ pub struct Pings {
 
 impl Pings {
     /// Sorts the pings.
-    pub fn new(mut pings: Vec<Ping>, attitude: AttitudeTrack) -> Self {
-        pings.sort_by_key(|p| p.stamp);
-        Self { pings, attitude, way: Way::default(), uses_relief: false }
+    pub fn new(pings: Vec<Ping>, attitude: AttitudeTrack) -> Self {
+        Self { pings: PingLog::new(pings), attitude, way: Way::default(), uses_relief: false }
     }
 
     /// The attitude between them.
@@ -113,9 +113,14 @@ impl Pings {
         &self.attitude
     }
 
-    /// The pings.
-    pub fn all(&self) -> &[Ping] {
-        &self.pings
+    /// The pings, in time order.
+    pub fn all(&self) -> impl Iterator<Item = Ping> + '_ {
+        self.pings.iter()
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.pings.len()
     }
 
     /// Finds the instrument's way, and decides whether the ground's relief is used: how well it foretells hits at some of
@@ -156,8 +161,9 @@ impl Pings {
     /// # Errors
     /// Why there is none.
     pub fn seafloor(&self, stamp: Stamp, rig: &Rig, config: &SeafloorConfig) -> Result<SeafloorPlane, NoSeafloor> {
-        let after = self.pings.partition_point(|p| p.stamp < stamp);
-        let around = &self.pings[after.saturating_sub(config.pings_each_side)..(after + config.pings_each_side).min(self.pings.len())];
+        let after = self.pings.before(stamp);
+        let around = after.saturating_sub(config.pings_each_side)..(after + config.pings_each_side).min(self.pings.len());
+        let around: Vec<Ping> = around.map(|i| self.pings.get(i)).collect();
         let near: Vec<&Ping> = around.iter().filter(|p| p.stamp.seconds_since(stamp).abs() <= config.ping_window_s).collect();
         let gap = |p: &&Ping| p.stamp.seconds_since(stamp).abs();
         let answered = |p: &&&Ping| p.returns() > 0 || p.altitude.is_some();

@@ -169,7 +169,7 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
 }
 
 fn shifted(pings: &Pings, shift_s: f64) -> Pings {
-    let moved = pings.all().iter().map(|p| Ping { stamp: p.stamp.later(shift_s), ..p.clone() }).collect();
+    let moved = pings.all().map(|p| Ping { stamp: p.stamp.later(shift_s), ..p }).collect();
     Pings::new(moved, pings.attitude().clone())
 }
 
@@ -206,11 +206,12 @@ fn spread(points: &[Vector3<f64>]) -> Option<f64> {
 
 /// Normals of single pings in body space.
 fn normals(pings: &Pings, rig: &Rig, config: &SeafloorConfig) -> Vec<(Stamp, Vector3<f64>)> {
-    let of_ping = |ping: &Ping| {
-        let alone = Pings::new(vec![ping.clone()], AttitudeTrack::default());
-        Some((ping.stamp, alone.seafloor(ping.stamp, rig, config).ok()?.normal.vector()))
+    let of_ping = |ping: Ping| {
+        let stamp = ping.stamp;
+        let alone = Pings::new(vec![ping], AttitudeTrack::default());
+        Some((stamp, alone.seafloor(stamp, rig, config).ok()?.normal.vector()))
     };
-    pings.all().iter().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()
+    pings.all().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()
 }
 
 /// Per ping: how far its normal in the world lies from the mean of its stretch [rad]. The attitude is `shift_s` later.
