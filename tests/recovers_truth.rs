@@ -5,7 +5,7 @@ mod support;
 
 use support::judge::{Verdict, run};
 use support::render::{Dive, DvlType, Sensor, Truth};
-use unwater::config::{Estimator, Spreading, Switch};
+use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
 use unwater::model::LightLaw;
 use unwater::pipeline::Options;
 
@@ -127,8 +127,11 @@ fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
     // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
     let from_camera: Vec<f64> = truth.strobe_position_in_base.iter().zip([0.34, -0.10, -0.12]).map(|(s, c)| s - c).collect();
     let ought = [-from_camera[1], -from_camera[0], -from_camera[2]];
-    let off = strobe.position_in_optical_m.iter().zip(ought).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-    assert!(off < 0.06, "found {off:.3} m off: {:?} instead of {ought:?}", strobe.position_in_optical_m);
+    let is_near = |found: &[f64; 3]| {
+        let off = found.iter().zip(ought).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 0.06, "found {off:.3} m off: {found:?} instead of {ought:?}");
+    };
+    is_near(&strobe.position_in_optical_m);
     assert!(v.attenuation_error_per_m.iter().all(|e| e.abs() < 0.01), "{:.4?}", v.attenuation_error_per_m);
 
     // The same dive with a pose that is 0.3 m off: kept, as it was given, and contradicted.
@@ -139,6 +142,13 @@ fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
     wrong.rig = toml::from_str(&mount).expect("a rig");
     let (v, _) = judged(&dive, &wrong);
     assert!(v.report.warnings.iter().any(|w| w.contains("contradicts")), "{:?}", v.report.warnings);
+
+    // Sought from nothing, whatever is given: the way is that from the camera.
+    wrong.config.estimate.strobe_position = StrobePosition::Find;
+    let (v, _) = judged(&dive, &wrong);
+    let strobe = v.model.strobe.as_ref().expect("a strobe");
+    is_near(&strobe.position_in_optical_m);
+    assert!(strobe.source == "found" && strobe.moved_m.is_some_and(|m| m > 0.7), "{strobe:?}");
 }
 
 #[test]

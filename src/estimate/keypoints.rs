@@ -61,7 +61,8 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
     let reduction = config.reduction(image.light.width, image.light.height);
     let base = log_light(image, reduction);
     let shift = if image.mosaic.is_some() { 0.5 } else { 0.0 };
-    let mut next = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt());
+    let mut rows = Vec::with_capacity(base.data.len());
+    let mut next = blurred(&base, (SIGMA * SIGMA - INPUT_SIGMA * INPUT_SIGMA).sqrt(), &mut rows);
     let mut found = Vec::new();
     let mut octaves: Vec<Vec<Plane>> = Vec::new();
     while next.width.min(next.height) > 4 * BORDER {
@@ -69,7 +70,7 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
         let mut levels = vec![next];
         for k in 1..SCALES + 3 {
             let sigma = SIGMA * ratio.powi(k as i32 - 1) * (ratio * ratio - 1.0).sqrt();
-            levels.push(blurred(&levels[k - 1], sigma));
+            levels.push(blurred(&levels[k - 1], sigma, &mut rows));
         }
         let differences: Vec<Plane> = levels
             .windows(2)
@@ -118,38 +119,40 @@ fn log_light(image: &SensorImage, factor: usize) -> Plane {
     Plane { width, height, data }
 }
 
-/// Separable Gaussian, edges repeated.
-fn blurred(plane: &Plane, sigma: f32) -> Plane {
+/// Separable Gaussian, edges repeated. `rows` is room to work in.
+fn blurred(plane: &Plane, sigma: f32, rows: &mut Vec<f32>) -> Plane {
     let radius = (3.0 * sigma).ceil() as usize;
     let mut kernel: Vec<f32> = (0..=radius).map(|i| (-((i * i) as f32) / (2.0 * sigma * sigma)).exp()).collect();
     let sum = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
     kernel.iter_mut().for_each(|k| *k /= sum);
     let (w, h) = (plane.width, plane.height);
-    let mut rows = vec![0f32; w * h];
+    rows.clear();
     let mut padded = vec![0f32; w + 2 * radius];
-    for (out, source) in rows.chunks_exact_mut(w).zip(plane.data.chunks_exact(w)) {
+    for source in plane.data.chunks_exact(w) {
         padded[..radius].fill(source[0]);
         padded[radius..radius + w].copy_from_slice(source);
         padded[radius + w..].fill(source[w - 1]);
-        out.iter_mut().zip(source).for_each(|(o, s)| *o = s * kernel[0]);
-        for (i, k) in kernel.iter().enumerate().skip(1) {
-            let (left, right) = (&padded[radius - i..][..w], &padded[radius + i..][..w]);
-            for ((o, a), b) in out.iter_mut().zip(left).zip(right) {
-                *o += k * (a + b);
-            }
-        }
+        weighted(source, &kernel, |i| (&padded[radius - i..][..w], &padded[radius + i..][..w]), rows);
     }
-    let mut data = vec![0f32; w * h];
-    for (y, out) in data.chunks_exact_mut(w).enumerate() {
-        out.iter_mut().zip(&rows[y * w..][..w]).for_each(|(o, s)| *o = s * kernel[0]);
-        for (i, k) in kernel.iter().enumerate().skip(1) {
-            let (above, below) = (&rows[y.saturating_sub(i) * w..][..w], &rows[(y + i).min(h - 1) * w..][..w]);
-            for ((o, a), b) in out.iter_mut().zip(above).zip(below) {
-                *o += k * (a + b);
-            }
-        }
+    let mut data = Vec::with_capacity(w * h);
+    for y in 0..h {
+        let row = |y: usize| &rows[y * w..][..w];
+        weighted(row(y), &kernel, |i| (row(y.saturating_sub(i)), row((y + i).min(h - 1))), &mut data);
     }
     Plane { width: w, height: h, data }
+}
+
+/// Appends a line under a symmetric kernel; `beside` gives the lines so many steps to either side of it.
+fn weighted<'l>(line: &[f32], kernel: &[f32], beside: impl Fn(usize) -> (&'l [f32], &'l [f32]), to: &mut Vec<f32>) {
+    let start = to.len();
+    to.extend(line.iter().map(|s| s * kernel[0]));
+    let out = &mut to[start..];
+    for (i, k) in kernel.iter().enumerate().skip(1) {
+        let (a, b) = beside(i);
+        for ((o, a), b) in out.iter_mut().zip(a).zip(b) {
+            *o += k * (a + b);
+        }
+    }
 }
 
 fn halved(plane: &Plane) -> Plane {

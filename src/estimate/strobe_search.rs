@@ -75,7 +75,9 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     let setting = Setting { rounds: 5, ..samples.setting(nodes, config) };
     let settled = if choice == StrobePosition::Auto { CHECKED_M } else { SETTLED };
     let around = choice == StrobePosition::Find;
-    let found = search_strobe(samples.tracks, &setting, (start, around, settled), &|o, mount| samples.path_from(o, mount));
+    // Found is what was found without the given place.
+    let begin = if around { start.moved_to(samples.body_from_optical.origin().vector()) } else { start };
+    let found = search_strobe(samples.tracks, &setting, (begin, around, settled), &|o, mount| samples.path_from(o, mount));
     let Some(found) = found else { return kept(unknown(), None) };
     let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
     let is_sure = std.is_finite() && std < UNSURE_M;
