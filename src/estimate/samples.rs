@@ -88,6 +88,11 @@ pub struct FrameSamples {
 pub const PLANES_AROUND_S: f64 = 0.3;
 
 impl FrameSamples {
+    /// Its keypoints are tracks now, and no longer needed: most of what a frame takes.
+    pub fn let_go_of_keypoints(&mut self) {
+        (self.keypoints, self.places, self.sights) = Default::default();
+    }
+
     /// The same frame with another grid, and without its keypoints.
     pub fn with_grid(&self, grid: Vec<(u32, Sight)>) -> Self {
         Self { keypoints: Vec::new(), places: Vec::new(), sights: Vec::new(), grid, ..*self }

@@ -47,6 +47,8 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     }
     let config = &options.config;
     let tracks = tracks(&frames, &pairs);
+    frames.iter_mut().for_each(FrameSamples::let_go_of_keypoints);
+    drop(pairs);
     let rig = &first.survey.rig;
     let given = (rig.strobe.lamps, rig.strobe.source.is_some());
     let found = understand(frames, tracks, rig.body_from_optical, given, &settings, rig.body_from_dvl.origin().vector(), &config.estimate)?;

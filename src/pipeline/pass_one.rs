@@ -150,7 +150,11 @@ pub fn collect(
             Some((plane.normal, plane.distance_m))
         };
         taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
-        Some((taken, wants_average.then(|| (image.into_bands(), view.camera_altitude_m()))))
+        if wants_average {
+            return Some((taken, Some((image.into_bands(), view.camera_altitude_m()))));
+        }
+        image.light.let_go();
+        Some((taken, None))
     };
     for_frames(recording, &survey.frames, &chosen, threads, work, |result| -> Result<()> {
         if let Some((taken, image)) = result {
