@@ -7,7 +7,7 @@ use super::joint::places::PlaceStep;
 
 const STEPS: usize = 25;
 const LONGEST_STEP: f64 = 0.25;
-/// A step so short is the last.
+/// A step so short is the last in any case.
 pub const SETTLED: f64 = 5e-4;
 /// A step of so many standard deviations says nothing.
 const TELLING: f64 = 0.1;
@@ -26,7 +26,7 @@ pub struct Lowest {
     pub residual: [f64; 2],
 }
 
-/// Goes down from `place`, until steps are shorter than `settled`. A place that is tried is nearly always taken, so it is asked for its own step at once: one solve
+/// Goes down from `place`, until steps that are asked for are shorter than `settled`. A place that is tried is nearly always taken, so it is asked for its own step at once: one solve
 /// a step.
 pub fn descend(mut place: Vector3<f64>, settled: f64, asked_at: &dyn Fn(Vector3<f64>) -> Option<Asked>) -> Option<Lowest> {
     let (first, mut asked) = asked_at(place)?;
@@ -47,7 +47,7 @@ pub fn descend(mut place: Vector3<f64>, settled: f64, asked_at: &dyn Fn(Vector3<
             }
             step *= 0.4;
         }
-        if !taken || step.norm() < settled {
+        if !taken || step.norm() < SETTLED || whole.norm() < settled {
             break;
         }
     }

@@ -32,7 +32,7 @@ pub use backscatter::FoundBackscatter;
 pub use light_settings::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use mount_search::FoundMounts;
-pub use samples::{FrameSamples, PLANES_AROUND_S, Sight, samples};
+pub use samples::{FrameSamples, PLANES_AROUND_S, Sight, coarsest_m, samples};
 pub use strobe_search::{FoundStrobe, PlacedStrobe};
 pub use tracks::{Observation, Track, tracks};
 
@@ -204,7 +204,7 @@ pub fn understand(
     }
     // Seen from the wrong place a frame at the dive's edge looks as if it had got another light: the strobe comes first.
     let placed = |frames: &[FrameSamples], tracks: &[Track]| {
-        strobe_search::place_strobe(&Samples::plain(frames, tracks, body_from_optical, given.0), given.1, config)
+        strobe_search::place_strobe(&Samples::plain(frames, tracks, body_from_optical, given.0), given.1, None, config)
     };
     let mut strobe = placed(&frames, &tracks);
     let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps), config);
@@ -236,8 +236,8 @@ pub fn understand(
         }
         let off = found.taken_off(&placed);
         let before = strobe.lamps.origin().vector();
-        let start = if moves { strobe.lamps } else { given.0 };
-        let anew = strobe_search::place_strobe(&Samples::plain(&off.0, &off.1, body_from_optical, start), given.1, config);
+        let begun = moves.then_some(strobe.lamps);
+        let anew = strobe_search::place_strobe(&Samples::plain(&off.0, &off.1, body_from_optical, given.0), given.1, begun, config);
         // A place that cannot be found once more stays what it was.
         if anew.source.is_some() || strobe.source.is_none() {
             strobe = anew;

@@ -22,8 +22,8 @@ use super::keypoints::{Keypoint, keypoints};
 
 /// Rungs of the ladder from a keypoint's own smallest on: factor √2 each, so views up to 4× nearer find theirs.
 const RUNGS: usize = 5;
-/// Rungs beyond what altitudes ask for: a place at the rim, or on a slope, is farther than the altitude says.
-const SPARE_RUNGS: f64 = 2.0;
+/// Rungs beyond what the planes ask for: on relief that is followed, slopes are steeper.
+const SPARE_RUNGS: i32 = 1;
 /// Patches are cut at this many standard deviations.
 const PATCH_SIGMAS: f64 = 2.5;
 
@@ -125,17 +125,28 @@ fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Op
     Some([(area * aspect).sqrt(), (area / aspect).sqrt()]).filter(|m| m.iter().all(|m| *m > 0.0 && m.is_finite()))
 }
 
-/// Rungs for a frame at an altitude, if the highest that sees the same points is at another [m].
-fn rungs(altitude_m: f64, highest_m: f64) -> usize {
-    (1.0 + SPARE_RUNGS + (2.0 * (highest_m / altitude_m).log2()).ceil()) as usize
+/// The smallest footprint of a keypoint, where a pixel covers so much.
+fn first_rung(pixel_m: f64, matching: &MatchingConfig) -> i32 {
+    (2.0 * (matching.footprint_px * pixel_m / 1e-3).log2()).ceil() as i32
 }
 
-/// Takes the samples of one frame; keypoints where they are told how high the highest frame is [m].
+/// Metres of seafloor that the coarsest corner's pixel covers, times the focal length: how far up the ladders of frames that
+/// see the same points must go. Infinite where a corner sees no seafloor.
+pub fn coarsest_m(view: &View<'_>) -> f64 {
+    let (right, bottom) = (view.camera.width as f64 - 1.0, view.camera.height as f64 - 1.0);
+    let corner = |(u, v): (f64, f64)| {
+        let [across, down] = pixel_on_seafloor_m(view, u, v, &view.seafloor_point(u, v)?.hit)?;
+        Some((across * down).sqrt() * view.camera.fx)
+    };
+    [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)].map(|c| corner(c).unwrap_or(f64::INFINITY)).into_iter().fold(0.0, f64::max)
+}
+
+/// Takes the samples of one frame; keypoints where the coarsest view of any frame is told (`coarsest_m`).
 pub fn samples(
     (frame, stamp): (usize, Stamp),
     image: &SensorImage,
     view: &View<'_>,
-    keypoints_up_to_m: Option<f64>,
+    keypoints_up_to: Option<f64>,
     matching: &MatchingConfig,
     config: &EstimateConfig,
 ) -> FrameSamples {
@@ -158,17 +169,16 @@ pub fn samples(
     };
     let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);
     taken.mean_light = whole.mean.map(f64::from);
-    let Some(highest_m) = keypoints_up_to_m else { return taken };
-    let rungs = rungs(taken.camera_altitude_m, highest_m);
+    let Some(coarsest_m) = keypoints_up_to else { return taken };
+    let last_rung = first_rung(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_RUNGS);
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
         let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y) else { continue };
         let Some(pixel_m) = pixel_on_seafloor_m(view, keypoint.u, keypoint.v, &hit) else { continue };
-        let first_rung = (2.0 * (matching.footprint_px * (pixel_m[0] * pixel_m[1]).sqrt() / 1e-3).log2()).ceil() as i32;
+        let first_rung = first_rung((pixel_m[0] * pixel_m[1]).sqrt(), matching);
         let sigma_px = |rung: i32| pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt());
-        let on_rung =
-            |k: usize| if k < rungs { pooled(image, keypoint.u, keypoint.v, sigma_px(first_rung + k as i32), config) } else { [f32::NAN; 3] };
-        let ladder = std::array::from_fn(on_rung);
+        let on_rung = |rung: i32| if rung <= last_rung { pooled(image, keypoint.u, keypoint.v, sigma_px(rung), config) } else { [f32::NAN; 3] };
+        let ladder = std::array::from_fn(|k| on_rung(first_rung + k as i32));
         taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] }, first_rung, ladder });
         taken.places.push((x, y));
         taken.keypoints.push(keypoint);
@@ -284,8 +294,8 @@ mod tests {
     use crate::spaces::Transform;
     use crate::vehicle::{Camera, Rig, StrobeMount};
 
-    /// Metres to a pixel at a place of a picture of 640×480, over a floor that tips by so much about the picture's rows.
-    fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
+    /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the picture's rows.
+    fn over<T>(tipped_deg: f64, ask: impl FnOnce(&View<'_>) -> T) -> T {
         let (sin, cos) = tipped_deg.to_radians().sin_cos();
         let camera = Camera::from_field_of_view(640, 480, 60.0);
         let mounted = Transform::identity();
@@ -297,15 +307,24 @@ mod tests {
         };
         let normal = Direction::from_vector(nalgebra::Vector3::new(0.0, sin, cos)).expect("a normal");
         let plane = SeafloorPlane { normal, distance_m: 2.0 * cos, support: Support::LeastSquares, hits: 4, residual_m: 0.0, nearest_ping_s: 0.0 };
-        let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
-        let hit = view.seafloor_point(u, v).expect("a place").hit;
-        pixel_on_seafloor_m(&view, u, v, &hit).map(|m| m.map(|m| m * camera.fx)).expect("its size")
+        ask(&View { camera: &camera, rig: &rig, plane: &plane, relief: None })
+    }
+
+    /// Metres to a pixel at a place, times the focal length.
+    fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
+        over(tipped_deg, |view| {
+            let hit = view.seafloor_point(u, v).expect("a place").hit;
+            pixel_on_seafloor_m(view, u, v, &hit).map(|m| m.map(|m| m * view.camera.fx)).expect("its size")
+        })
     }
 
     #[test]
-    fn the_ladder_reaches_the_highest_frame_and_no_further() {
-        assert_eq!([rungs(3.0, 3.0), rungs(1.5, 3.0), rungs(1.0, 1.5)], [3, RUNGS, RUNGS]);
-        assert_eq!(rungs(1.0, f64::INFINITY), usize::MAX, "nobody knows: all of them");
+    fn ladders_go_as_far_up_as_the_coarsest_corner() {
+        assert!((over(0.0, coarsest_m) - 2.0).abs() < 1e-2, "a level floor is alike all over");
+        let [near, far] = [metres(0.0, 0.0, 30.0), metres(0.0, 479.0, 30.0)].map(|[a, b]| (a * b).sqrt());
+        assert!((over(30.0, coarsest_m) - near.max(far)).abs() < 1e-9 && near.max(far) > 2.0 * near.min(far), "{near} and {far}");
+        assert_eq!(over(75.0, coarsest_m), f64::INFINITY, "where the horizon is in sight, nobody knows");
+        assert_eq!(first_rung(f64::INFINITY, &MatchingConfig::default()), i32::MAX);
     }
 
     #[test]

@@ -55,8 +55,8 @@ const CHECKED_M: f64 = CONTRADICTION_M / 10.0;
 const UNSURE_M: f64 = 0.15;
 
 /// Finds, refines or checks the strobe's place. `is_known` says whether `samples.lamps` is a measured pose;
-/// where it is not, it is the camera's.
-pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConfig) -> PlacedStrobe {
+/// where it is not, it is the camera's. `begun` is where a search has found it already.
+pub fn place_strobe(samples: &Samples<'_>, is_known: bool, begun: Option<Lamps>, config: &EstimateConfig) -> PlacedStrobe {
     let start = samples.lamps;
     let kept = |warning: Option<String>, search| PlacedStrobe { lamps: start, source: None, search, warning };
     let choice = match (config.strobe_position, is_known) {
@@ -74,10 +74,10 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let setting = Setting { rounds: 5, ..samples.setting(nodes, config) };
     let settled = if choice == StrobePosition::Auto { CHECKED_M } else { SETTLED };
-    let around = choice == StrobePosition::Find;
     // Found is what was found without the given place.
-    let begin = if around { start.moved_to(samples.body_from_optical.origin().vector()) } else { start };
-    let found = search_strobe(samples.tracks, &setting, (begin, around, settled), &|o, mount| samples.path_from(o, mount));
+    let from = if choice == StrobePosition::Find { start.moved_to(samples.body_from_optical.origin().vector()) } else { start };
+    let begin = begun.or((choice != StrobePosition::Find).then_some(start));
+    let found = search_strobe(samples.tracks, &setting, (from, begin), settled, &|o, mount| samples.path_from(o, mount));
     let Some(found) = found else { return kept(unknown(), None) };
     let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
     let is_sure = std.is_finite() && std < UNSURE_M;
@@ -98,24 +98,30 @@ pub fn place_strobe(samples: &Samples<'_>, is_known: bool, config: &EstimateConf
     }
 }
 
-/// Searches from `start`; `around` adds places beside it, for a start that is a mere guess; steps shorter than `settled`
-/// end it [m]. `None` where the log does not hold the solve.
-fn search_strobe(tracks: &[Track], setting: &Setting<'_>, (start, around, settled): (Lamps, bool, f64), paths: &PathFor<'_>) -> Option<FoundStrobe> {
+/// Searches from `from`, which is a mere guess unless there is a place to begin at: then places beside it are tried first. Steps
+/// shorter than `settled` end it [m]. `None` where the log does not hold the solve.
+fn search_strobe(
+    tracks: &[Track],
+    setting: &Setting<'_>,
+    (from, begin): (Lamps, Option<Lamps>),
+    settled: f64,
+    paths: &PathFor<'_>,
+) -> Option<FoundStrobe> {
     let observations: usize = tracks.iter().map(Vec::len).sum();
     let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
     let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();
-    let at = |place: Vector3<f64>| start.moved_to(place);
-    let mut place = start.origin().vector();
+    let at = |place: Vector3<f64>| from.moved_to(place);
+    let mut place = begin.unwrap_or(from).origin().vector();
     let mut at_start = None;
-    if around {
+    if begin.is_none() {
         let residual_at =
             |place: Vector3<f64>| -> Option<f64> { Some(Problem::new(&some, setting, at(place), paths)?.solve(setting.rounds)?.residual) };
         let mut residual = residual_at(place)?;
         at_start = Some(residual);
-        // Beside the camera, square to where it looks.
-        let (right, down) = (start.isometry().rotation * Vector3::x(), start.isometry().rotation * Vector3::y());
+        // Beside it, square to where it looks.
+        let (right, down) = (from.isometry().rotation * Vector3::x(), from.isometry().rotation * Vector3::y());
         for offset in [right, -right, down, -down] {
-            let candidate = start.origin().vector() + offset * FIRST_RING_M;
+            let candidate = from.origin().vector() + offset * FIRST_RING_M;
             if let Some(r) = residual_at(candidate).filter(|r| *r < residual) {
                 (place, residual) = (candidate, r);
             }
@@ -127,6 +133,6 @@ fn search_strobe(tracks: &[Track], setting: &Setting<'_>, (start, around, settle
         Some((solution.residual, problem.place_step(&some, &strobe_places(at(place), paths), &solution)?))
     };
     let Lowest { place, std, residual: [first, last] } = descend(place, settled, &asked_at)?;
-    let moved_m = (place - start.origin().vector()).norm();
+    let moved_m = (place - from.origin().vector()).norm();
     Some(FoundStrobe { lamps: at(place), std_m: std.into(), residual: [at_start.unwrap_or(first), last], moved_m })
 }

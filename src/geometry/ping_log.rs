@@ -1,6 +1,6 @@
 //! All pings of a log in little memory: a dive of hours has hundreds of thousands, and an instrument looks the same way every time.
 //!
-//! In: pings in any order. Out: the same pings, bit for bit, in the order of their stamps.
+//! In: pings in any order. Out: the same pings in the order of their stamps.
 
 use nalgebra::Vector3;
 
@@ -23,7 +23,7 @@ struct Packed {
     velocity_m_per_s: Vector3<f64>,
 }
 
-/// Pings, packed: 56 bytes each and 8 for each beam, where four beams take 300 otherwise.
+/// Pings, packed: 56 bytes each and 8 for each beam, where one with four beams takes 240 and more otherwise.
 #[derive(Clone, Debug, Default)]
 pub struct PingLog {
     pings: Vec<Packed>,
@@ -90,6 +90,12 @@ impl PingLog {
             altitude: Some(Altitude(p.altitude_m)).filter(|a| !a.0.is_nan()),
             velocity_m_per_s: Some(p.velocity_m_per_s).filter(|v| !v.x.is_nan()),
         }
+    }
+
+    /// How many of its beams came back.
+    pub fn returns(&self, i: usize) -> usize {
+        let p = &self.pings[i];
+        self.ranges_m[p.first_range as usize..(p.first_range + p.beams) as usize].iter().filter(|r| !r.is_nan()).count()
     }
 
     /// All of them.

@@ -132,7 +132,7 @@ pub fn heights(pings: &PingLog, way: &Way, attitude: &AttitudeTrack, stamp: Stam
     let instrument = rig.body_from_dvl.origin().vector();
     let (first, last) = (pings.before(stamp.later(-WINDOW_S)), pings.before(stamp.later(WINDOW_S)));
     let here = way.at(pings, stamp);
-    let nearest = (first..last).filter(|i| pings.get(*i).returns() >= MANY_RETURNS).min_by(|a, b| {
+    let nearest = (first..last).filter(|i| pings.returns(*i) >= MANY_RETURNS).min_by(|a, b| {
         let gap = |i: usize| pings.stamp(i).seconds_since(stamp).abs();
         gap(*a).total_cmp(&gap(*b))
     });

@@ -163,7 +163,7 @@ impl Codes<'_> {
 
     /// Light of all rows.
     pub fn light(&self) -> SensorImage {
-        let mut image = LinearImage::in_spare_room(self.width, self.height, self.stored_bands());
+        let mut image = LinearImage::new(self.width, self.height, self.stored_bands());
         for (y, row) in image.pixels.chunks_exact_mut(self.width * image.bands).enumerate() {
             self.light_row(y, row);
         }

@@ -99,28 +99,10 @@ pub struct LinearImage {
     pub pixels: Vec<f32>,
 }
 
-thread_local! {
-    static SPARE_ROOM: std::cell::Cell<Vec<f32>> = const { std::cell::Cell::new(Vec::new()) };
-}
-
 impl LinearImage {
     /// A black picture.
     pub fn new(width: usize, height: usize, bands: usize) -> Self {
         Self { width, height, bands, pixels: vec![0.0; width * height * bands] }
-    }
-
-    /// The same in the room of the last picture that this thread has let go, where there is one; its values are whatever
-    /// was there.
-    pub fn in_spare_room(width: usize, height: usize, bands: usize) -> Self {
-        let mut pixels = SPARE_ROOM.take();
-        pixels.resize(width * height * bands, 0.0);
-        Self { width, height, bands, pixels }
-    }
-
-    /// Leaves its room for the next picture of this thread: a block so large, fetched from the system and given back for each
-    /// frame, cost pass one a fifteenth of its time.
-    pub fn let_go(self) {
-        SPARE_ROOM.set(self.pixels);
     }
 
     /// One pixel's bands.

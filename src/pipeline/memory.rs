@@ -5,7 +5,7 @@ use crate::config::{Config, ImageFormat, Method};
 
 use super::pass_two::{CHUNKS_PER_CORE, FRAMES_PER_CORE};
 
-/// The program, its tables, the model, and an hour of pings and attitudes (48 bytes each attitude, some 350 each ping) [byte].
+/// The program, its tables, the model, and an hour of pings and attitudes (48 bytes each attitude, some 120 each ping) [byte].
 const BASE: usize = 64 << 20;
 /// A picture of 8 bits while it is decoded, corrected and encoded in pass two, per pixel: codes before and after, and
 /// what becomes of them [byte].

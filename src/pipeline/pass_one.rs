@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use crate::config::{Config, Estimator};
 use crate::correct::MeanFrames;
 use crate::error::Result;
-use crate::estimate::{FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, matches, samples};
-use crate::geometry::View;
+use crate::estimate::{FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, coarsest_m, matches, samples};
+use crate::geometry::{SeafloorPlane, View};
 use crate::image::SensorImage;
 use crate::image::decode::{Decoded, Light, decode};
 use crate::messages::{Decoder, Kind};
@@ -105,11 +105,19 @@ impl Pace {
     }
 }
 
+/// The plane below a frame.
+fn plane_below(survey: &Survey, config: &Config, frame: &FrameRef) -> Option<SeafloorPlane> {
+    survey.pings.seafloor(frame.stamp, &survey.rig, &config.seafloor).ok()
+}
+
+/// A frame's view of it, before the frame is decoded.
+fn view<'v>(survey: &'v Survey, plane: &'v SeafloorPlane) -> View<'v> {
+    View { camera: &survey.rig.camera, rig: &survey.rig, plane, relief: None }
+}
+
 /// Height of the camera over the seafloor; NaN where there is none.
 fn altitude_m(survey: &Survey, config: &Config, frame: &FrameRef) -> f64 {
-    let rig = &survey.rig;
-    let plane = survey.pings.seafloor(frame.stamp, rig, &config.seafloor);
-    plane.map_or(f64::NAN, |plane| View { camera: &rig.camera, rig, plane: &plane, relief: None }.camera_altitude_m())
+    plane_below(survey, config, frame).map_or(f64::NAN, |plane| view(survey, &plane).camera_altitude_m())
 }
 
 /// Takes samples of `most` frames at most and matches neighbours.
@@ -129,7 +137,8 @@ pub fn collect(
     let offered: Vec<&FrameRef> = survey.frames.iter().step_by(pace.step).collect();
     let altitudes: Vec<f64> = offered.iter().map(|frame| altitude_m(survey, config, frame)).collect();
     let places = chosen_frames(&altitudes, most);
-    let highest_m = places.iter().map(|place| altitudes[*place]).fold(0.0, f64::max);
+    let planes = places.iter().filter_map(|place| plane_below(survey, config, offered[*place]));
+    let coarsest = planes.map(|plane| coarsest_m(&view(survey, &plane))).fold(0.0, f64::max);
     let chosen: BTreeSet<usize> = places.into_iter().map(|place| place * pace.step).collect();
     let mut collected = Collected { is_all: chosen.len() == survey.frames.len(), ..Collected::default() };
     progress.begin(Step::Estimate, chosen.len());
@@ -143,18 +152,14 @@ pub fn collect(
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
         let relief = survey.pings.relief(stamp, &plane, &survey.rig);
         let view = View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
-        let mut taken = samples((index, stamp), &image, &view, with_keypoints.then_some(highest_m), &config.matching, &config.estimate);
+        let mut taken = samples((index, stamp), &image, &view, with_keypoints.then_some(coarsest), &config.matching, &config.estimate);
         taken.eight_bit = bits <= 8;
         let plane_at = |offset_s: f64| {
             let plane = survey.pings.seafloor(stamp.later(offset_s), &survey.rig, &config.seafloor).ok()?;
             Some((plane.normal, plane.distance_m))
         };
         taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
-        if wants_average {
-            return Some((taken, Some((image.into_bands(), view.camera_altitude_m()))));
-        }
-        image.light.let_go();
-        Some((taken, None))
+        Some((taken, wants_average.then(|| (image.into_bands(), view.camera_altitude_m()))))
     };
     for_frames(recording, &survey.frames, &chosen, threads, work, |result| -> Result<()> {
         if let Some((taken, image)) = result {
