@@ -26,8 +26,8 @@ pub struct Lowest {
     pub residual: [f64; 2],
 }
 
-/// Goes down from `place`, until steps that are asked for are shorter than `settled`. A place that is tried is nearly always taken, so it is asked for its own step at once: one solve
-/// a step.
+/// Goes down from `place`, until steps that are asked for are shorter than `settled`. A place that is tried is nearly always
+/// taken, so it is asked for its own step at once: one solve a step.
 pub fn descend(mut place: Vector3<f64>, settled: f64, asked_at: &dyn Fn(Vector3<f64>) -> Option<Asked>) -> Option<Lowest> {
     let (first, mut asked) = asked_at(place)?;
     let mut residual = first;
