@@ -279,8 +279,8 @@ impl<'g> GainGrid<'g> {
         columns.flat_map(move |(column, _)| column * step..((column + 1) * step).min(self.width))
     }
 
-    /// To walk down the rows of a picture with.
-    pub fn rows(&'g self, mosaic: Option<Phase>) -> GainRows<'g> {
+    /// To walk down the rows of a picture with, which got `frame_gain` times its neighbours' light.
+    pub fn rows(&'g self, mosaic: Option<Phase>, frame_gain: f64) -> GainRows<'g> {
         let stored = if mosaic.is_some() { 1 } else { self.bands };
         let walk = |nodes| Walk::new(nodes, self.width, mosaic);
         GainRows {
@@ -288,6 +288,7 @@ impl<'g> GainGrid<'g> {
             mosaic,
             y: 0,
             stored,
+            frame_gain,
             gains: walk(&self.gains),
             scattered: self.scattered.as_ref().map(walk),
             veil: vec![0.0; if self.scattered.is_some() { self.width * stored } else { 0 }],
@@ -308,6 +309,8 @@ pub struct GainRows<'g> {
     y: usize,
     /// values per pixel as it is stored
     stored: usize,
+    /// light the picture got over its neighbours'
+    frame_gain: f64,
     gains: Walk<'g>,
     scattered: Option<Walk<'g>>,
     veil: Vec<f32>,
@@ -326,26 +329,33 @@ impl GainRows<'_> {
         }
     }
 
-    /// Takes off what was scattered back and multiplies by the gains of the row gone to.
+    /// Takes off what was scattered back and multiplies by the gains of the row gone to, and by what makes up for the frame's own.
     pub fn multiply(&mut self, light: &mut [f32]) {
         let (grid, stored, y) = (self.grid, self.stored, self.y);
+        let mut per_gain = 1.0 / self.frame_gain as f32;
         if !self.veil.is_empty() {
-            light.iter_mut().zip(&self.veil).for_each(|(v, veil)| *v -= veil);
+            light.iter_mut().zip(&self.veil).for_each(|(v, veil)| *v = *v * per_gain - veil);
+            per_gain = 1.0;
         }
         let exactly = |x: usize| {
             let gain = grid.view.light_path(x as f64, y as f64).map_or([0.0; 3], |path| grid.gain(&path).0);
-            (x, std::array::from_fn::<f32, 3, _>(|b| if b < stored { light[x * stored + b] * gain[band(self.mosaic, x, y, b)] } else { 0.0 }))
+            (
+                x,
+                std::array::from_fn::<f32, 3, _>(
+                    |b| if b < stored { light[x * stored + b] * per_gain * gain[band(self.mosaic, x, y, b)] } else { 0.0 },
+                ),
+            )
         };
         let exact: Vec<(usize, [f32; 3])> = grid.uneven_pixels(y).map(exactly).collect();
         let (above, below, share) = self.gains.around(y);
-        light.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v *= between(*a, *b, share));
+        light.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v = *v * per_gain * between(*a, *b, share));
         exact.into_iter().for_each(|(x, pixel)| light[x * stored..][..stored].copy_from_slice(&pixel[..stored]));
     }
 
     /// Of one row in so many, looks at one pixel in so many: how many show the floor with less light than
     /// `least_signal_to_noise` times its noise, in any of the bands a pixel has; and how many were looked at. A mosaic's
     /// bands have their turns. Gains do not matter: they make the noise as much larger as the light.
-    pub fn low_signal(&self, y: usize, raw: &[f32], frame_gain: f64, noise: &Noise) -> (usize, usize) {
+    pub fn low_signal(&self, y: usize, raw: &[f32], noise: &Noise) -> (usize, usize) {
         let every = (self.grid.width / LOOKED_AT_ACROSS).max(LOOKED_AT_EVERY_PX);
         let row = y / every;
         if y != row * every + row % 2 {
@@ -356,9 +366,12 @@ impl GainRows<'_> {
         let (mut low, mut looked) = (0, 0);
         for x in (0..grid.width / every).map(|column| column * every + column % 2) {
             let is_low = |b: usize| {
-                let light = f64::from(raw[x * stored + b] - self.veil.get(x * stored + b).copied().unwrap_or(0.0));
-                // Noise is that of the light as it was measured, before the frame's own gain was taken out.
-                light < grid.correction.config.least_signal_to_noise * noise.std(f64::from(raw[x * stored + b]) * frame_gain) / frame_gain
+                let measured = f64::from(raw[x * stored + b]);
+                // The veil is the neighbours', who have no such gain.
+                let light = measured - self.frame_gain * f64::from(self.veil.get(x * stored + b).copied().unwrap_or(0.0));
+                let is_within = |std: f64| light < grid.correction.config.least_signal_to_noise * std;
+                // Most light is far above any noise.
+                is_within(noise.std_at_most(measured)) && is_within(noise.std(measured))
             };
             let bits = grid.bits[(y / step).min(rows - 1) * columns + (x / step).min(columns - 1)];
             low += usize::from(bits & mask::OFF_SURFACE == 0 && (0..stored).any(is_low));
@@ -430,7 +443,7 @@ mod tests {
             let grid = GainGrid::new(&correction, &view, width, height, 3);
             let mut bits = vec![0; width * height];
             grid.mark(&mut bits);
-            let mut rows = grid.rows(None);
+            let mut rows = grid.rows(None, 1.0);
             for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
                 rows.go_to(y);
                 rows.multiply(row);

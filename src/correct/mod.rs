@@ -24,7 +24,7 @@ use crate::image::decode::Codes;
 use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
-use crate::image::{Bands, LinearImage};
+use crate::image::{Bands, LinearImage, largest};
 use crate::model::{Backscatter, GlowTable, ImagingModel, RenderingFile};
 use crate::vehicle::Camera;
 use gain::GainGrid;
@@ -105,9 +105,8 @@ pub struct Corrected {
 
 /// Pixels of a row with a band that reaches a level.
 fn reaching(row: &[f32], bands: usize, level: f32) -> usize {
-    // Most rows have none, and that is told without branches.
-    let any = row.iter().fold(false, |any, v| any | (*v >= level));
-    if any { row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count() } else { 0 }
+    // Most rows have none, and that is told many at a time.
+    if largest(row) >= level { row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count() } else { 0 }
 }
 
 impl Correction<'_> {
@@ -121,7 +120,7 @@ impl Correction<'_> {
         let frame_gain = if is_baseline { 1.0 } else { frame.gain };
         let white = self.config.white() as f32;
         let grid = GainGrid::new(self, view, width, height, bands);
-        let mut gains = grid.rows(codes.mosaic);
+        let mut gains = grid.rows(codes.mosaic, frame_gain);
         let mut mask = self.config.mask.then(|| mask::Clipped::new(width, height, codes.mosaic.is_some()));
         let mut demosaic = codes.mosaic.map(|phase| Demosaic::new(width, height, phase));
         let wants_whole = is_baseline || frame.rectified.is_some();
@@ -147,11 +146,8 @@ impl Correction<'_> {
             if let Some(mask) = &mut mask {
                 mask.row(y, &row, self.clipped_above);
             }
-            if frame_gain != 1.0 {
-                row.iter_mut().for_each(|v| *v /= frame_gain as f32);
-            }
             gains.go_to(y);
-            let (l, n) = gains.low_signal(y, &row, frame_gain, frame.noise);
+            let (l, n) = gains.low_signal(y, &row, frame.noise);
             (low, looked) = (low + l, looked + n);
             if !is_baseline {
                 gains.multiply(&mut row);

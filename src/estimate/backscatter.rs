@@ -7,6 +7,8 @@
 //! The strength b joins the joint solve to first order, S is tabulated anew from the beam and α in hand, and what is
 //! known is taken off the colours before the logarithm. In: samples. Out: b, and colours freed of it.
 
+use std::cell::LazyCell;
+
 use super::candidates::completed;
 use super::joint::{JointAnswer, LEAST_DIRECT_SHARE, Problem, Setting};
 use super::robust;
@@ -96,7 +98,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let mut problem = Problem::new(samples.tracks, &plain, mount, paths)?;
     let solution = problem.solve(plain.rounds)?;
     let mut said = problem.said(&solution);
-    let without = held_out::misfits(samples.tracks, &plain, mount, paths)?;
+    let without = LazyCell::new(|| held_out::misfits(samples.tracks, &plain, mount, paths));
     let frustum = Frustum::around(samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))));
     let mut now = Backscatter::NONE;
     let mut settled = None;
@@ -122,8 +124,9 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
             completed(&said.beam.by_node(), &Samples { frames: &frames, ..*samples }, &said.attenuation_per_m, setting.spreading, setting.config);
         let foretold = |now: &Backscatter| held_out::misfits(samples.tracks, &Setting { glow: Some((now, &glow)), ..plain }, mount, paths);
         if step + 1 == FIRST_STEPS && setting.config.backscatter != Switch::On {
-            let improves = held_out::improvement(&without, &foretold(&now)?) > LEAST_IMPROVEMENT / 2.0;
-            if !improves || !surely(&problem.answer(&solution)?, SURE / 2.0) {
+            // Held-out frames are asked last: each time it is a solve.
+            let is_sure = surely(&problem.answer(&solution)?, SURE / 2.0);
+            if !is_sure || held_out::improvement(without.as_ref()?, &foretold(&now)?) <= LEAST_IMPROVEMENT / 2.0 {
                 return None;
             }
         }
@@ -137,7 +140,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let (answer, with, table) = settled?;
     let (backscatter, std_per_m) = answer.backscatter?;
     let is_sure = surely(&answer, SURE);
-    let improvement = held_out::improvement(&without, &with);
+    let improvement = held_out::improvement(without.as_ref()?, &with);
     let attenuation_per_m = answer.attenuation_per_m;
     let mut found = FoundBackscatter { backscatter, std_per_m, improvement, share: [0.0; 3], attenuation_per_m, table };
     for b in 0..setting.bands {

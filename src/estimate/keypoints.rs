@@ -104,16 +104,17 @@ fn log_light(image: &SensorImage, factor: usize) -> Plane {
     // Of a mosaic, every 2×2 window holds one red, two green, one blue: blocks reach one pixel further there.
     let reach = factor + usize::from(image.mosaic.is_some());
     let scale = 1.0 / (reach * reach * light.bands) as f32;
+    let mut sums = vec![0f32; light.width * light.bands];
     for (y, row) in data.chunks_exact_mut(width).enumerate() {
+        sums.fill(0.0);
         for dy in 0..reach {
-            let line = &light.pixels[(y * factor + dy).min(light.height - 1) * light.width * light.bands..][..light.width * light.bands];
-            for (x, out) in row.iter_mut().enumerate() {
-                let first = x * factor * light.bands;
-                *out += line[first..(first + reach * light.bands).min(line.len())].iter().sum::<f32>();
-            }
+            let line = &light.pixels[(y * factor + dy).min(light.height - 1) * sums.len()..][..sums.len()];
+            sums.iter_mut().zip(line).for_each(|(sum, v)| *sum += v);
         }
-        for out in row {
-            *out = (*out * scale + 1e-3).ln();
+        for (x, out) in row.iter_mut().enumerate() {
+            let first = x * factor * light.bands;
+            let sum: f32 = sums[first..(first + reach * light.bands).min(sums.len())].iter().sum();
+            *out = (sum * scale + 1e-3).ln();
         }
     }
     Plane { width, height, data }
@@ -226,6 +227,11 @@ fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, 
     None
 }
 
+/// The whole part of what is not negative and not large; to 32 bits it is one instruction and a check, to 64 it is many.
+fn whole(value: f32) -> usize {
+    value as i32 as usize
+}
+
 /// Direction of a gradient in turns, 0 to 1, within 0.0001: histograms are coarser.
 fn turns(y: f32, x: f32) -> f32 {
     let (ax, ay) = (x.abs(), y.abs());
@@ -286,7 +292,7 @@ impl Plane {
         let per_square = -0.5 / (1.5 * sigma).powi(2);
         let (centre, radius, all) = ((u.round(), v.round()), (4.5 * sigma).round() as usize, |_| (f32::NEG_INFINITY, f32::INFINITY));
         self.around(centre, radius, per_square, all, |_, _, strength, direction| {
-            histogram[(direction * BINS as f32 + 0.5) as usize % BINS] += strength;
+            histogram[whole(direction * BINS as f32 + 0.5) % BINS] += strength;
         });
         for _ in 0..2 {
             let before = histogram;
@@ -304,7 +310,7 @@ impl Plane {
     /// 4 × 4 cells, turned by `angle` [rad], of the directions of gradients in each.
     fn descriptor(&self, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
         // Directions are a circle: what falls into the ninth is the first's.
-        let mut padded = [[0f32; 9]; 49];
+        let mut padded = [[0f32; 9]; 8 * 8];
         let (sin, cos) = angle.sin_cos();
         let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);
         let per_px = 1.0 / (3.0 * sigma);
@@ -325,11 +331,11 @@ impl Plane {
             let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
             // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
             let (bx, by) = (rx + 2.5, ry + 2.5);
-            let (ix, iy, id) = (bx as usize, by as usize, (direction as usize).min(7));
+            let (ix, iy, id) = (whole(bx), whole(by), whole(direction).min(7));
             let (fx, fy, fd) = (bx - ix as f32, by - iy as f32, direction - id as f32);
             for (row, wy) in [(iy, 1.0 - fy), (iy + 1, fy)] {
                 for (column, wx) in [(ix, 1.0 - fx), (ix + 1, fx)] {
-                    let cell = &mut padded[row * 7 + column];
+                    let cell = &mut padded[(8 * row + column) % 64];
                     let share = weight * wx * wy;
                     cell[id] += share * (1.0 - fd);
                     cell[id + 1] += share * fd;
@@ -337,7 +343,7 @@ impl Plane {
             }
         });
         padded.iter_mut().for_each(|cell| cell[0] += cell[8]);
-        let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 7 + i / 8 % 4 + 1][i % 8]);
+        let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 8 + i / 8 % 4 + 1][i % 8]);
         let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
         let first = norm(&histogram);
         histogram.iter_mut().for_each(|v| *v = (*v / first).min(0.2));

@@ -151,6 +151,7 @@ pub fn samples(
     config: &EstimateConfig,
 ) -> FrameSamples {
     let reduction = matching.reduction(image.light.width, image.light.height);
+    let (grid, mean_light) = grid(image, view, reduction, config);
     let mut taken = FrameSamples {
         frame,
         stamp,
@@ -160,15 +161,13 @@ pub fn samples(
         keypoints: Vec::new(),
         places: Vec::new(),
         sights: Vec::new(),
-        grid: grid(image, view, reduction, config),
-        mean_light: [0.0; 3],
+        grid,
+        mean_light,
         eight_bit: false,
         distance_m: view.plane.distance_m,
         is_level_assumed: view.plane.support == Support::AssumedLevel,
         planes_around: None,
     };
-    let whole = pool(image, 0..image.light.width, 0..image.light.height, |_| 1.0, |_| 1.0);
-    taken.mean_light = whole.mean.map(f64::from);
     let Some(coarsest_m) = keypoints_up_to else { return taken };
     let last_rung = first_rung(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_RUNGS);
     for keypoint in keypoints(image, matching) {
@@ -195,11 +194,30 @@ impl KeypointSight {
 }
 
 /// Light over a part of a picture.
+#[derive(Default)]
 struct Pool {
-    /// weighted mean per band; NaN for a band without a pixel
-    mean: [f32; 3],
+    /// weighted sum per band
+    sum: [f64; 3],
+    /// of weights
+    weights: [f64; 3],
     /// largest value of any band
     largest: f32,
+}
+
+impl Pool {
+    /// Weighted mean per band; NaN for a band without a pixel.
+    fn mean(&self) -> [f64; 3] {
+        std::array::from_fn(|b| self.sum[b] / self.weights[b])
+    }
+
+    /// Takes another part in.
+    fn add(&mut self, part: &Pool) {
+        for b in 0..3 {
+            self.sum[b] += part.sum[b];
+            self.weights[b] += part.weights[b];
+        }
+        self.largest = self.largest.max(part.largest);
+    }
 }
 
 /// Rows are summed in single precision, so many at a time, and then in double: a whole picture keeps its digits.
@@ -209,7 +227,7 @@ const ROWS_AT_ONCE: usize = 64;
 fn pool(image: &SensorImage, columns: Range<usize>, rows: Range<usize>, across: impl Fn(usize) -> f32, down: impl Fn(usize) -> f32) -> Pool {
     let (light, bands) = (&image.light, image.light.bands);
     let across: Vec<f32> = columns.clone().map(across).collect();
-    let (mut sum, mut weights, mut largest) = ([0f64; 3], [0f64; 3], 0f32);
+    let mut pooled = Pool::default();
     let mut of_columns = vec![0f32; across.len() * bands];
     // Even rows of a mosaic hold other bands than odd ones; of any other picture they are alike.
     let turns = if image.mosaic.is_some() { 2 } else { 1 };
@@ -221,17 +239,17 @@ fn pool(image: &SensorImage, columns: Range<usize>, rows: Range<usize>, across: 
             let weight = down(y);
             all_down += weight;
             let start = (y * light.width + columns.start) * bands;
-            largest = largest.max(add_row(&light.pixels[start..start + of_columns.len()], weight, &mut of_columns));
+            pooled.largest = pooled.largest.max(add_row(&light.pixels[start..start + of_columns.len()], weight, &mut of_columns));
         }
         for ((x, pixel), w) in columns.clone().zip(of_columns.chunks_exact(bands)).zip(&across) {
             for (b, value) in pixel.iter().enumerate() {
                 let band = image.mosaic.map_or(b, |phase| phase.band(x, first));
-                sum[band] += f64::from(w * value);
-                weights[band] += f64::from(w * all_down);
+                pooled.sum[band] += f64::from(w * value);
+                pooled.weights[band] += f64::from(w * all_down);
             }
         }
     }
-    Pool { mean: std::array::from_fn(|b| (sum[b] / weights[b]) as f32), largest }
+    pooled
 }
 
 /// Adds a row with a weight, and gives its largest value.
@@ -258,24 +276,29 @@ fn pooled(image: &SensorImage, u: f64, v: f64, sigma_px: [f64; 2], config: &Esti
     let (columns, rows) = (span(u, sigma_px[0], image.light.width), span(v, sigma_px[1], image.light.height));
     let (Some(columns), Some(rows)) = (columns, rows) else { return [f32::NAN; 3] };
     let falloff = |centre: f64, sigma_px: f64| move |c: usize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
-    log_color(pool(image, columns, rows, falloff(u, sigma_px[0]), falloff(v, sigma_px[1])), image.bands(), config)
+    log_color(&pool(image, columns, rows, falloff(u, sigma_px[0]), falloff(v, sigma_px[1])), image.bands(), config)
 }
 
-fn log_color(pool: Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {
+fn log_color(pool: &Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {
     let usable = f64::from(pool.largest) < config.clipped_above;
-    std::array::from_fn(|b| if b < bands && usable && f64::from(pool.mean[b]) >= config.dark_below { pool.mean[b].ln() } else { f32::NAN })
+    let mean = pool.mean();
+    std::array::from_fn(|b| if b < bands && usable && mean[b] >= config.dark_below { (mean[b] as f32).ln() } else { f32::NAN })
 }
 
-fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &EstimateConfig) -> Vec<(u32, Sight)> {
+/// Sights of a grid's blocks, and the mean light of the whole picture, which they and what is left beside them make up.
+fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &EstimateConfig) -> (Vec<(u32, Sight)>, [f64; 3]) {
     // As many blocks for a large picture as for a small one: what is kept must not grow with the camera.
     let step = config.grid_step_px * reduction;
-    let (columns, rows, bands) = (image.light.width / step, image.light.height / step, image.bands());
-    let mut sights = Vec::with_capacity(columns * rows);
-    for row in 0..rows {
-        for column in 0..columns {
-            let span = |c: usize| c * step..(c + 1) * step;
-            let log_color = log_color(pool(image, span(column), span(row), |_| 1.0, |_| 1.0), bands, config);
-            if log_color[..bands].iter().any(|v| v.is_nan()) {
+    let (width, height, bands) = (image.light.width, image.light.height, image.bands());
+    let (columns, rows) = (width / step, height / step);
+    let (mut sights, mut whole) = (Vec::with_capacity(columns * rows), Pool::default());
+    for row in 0..height.div_ceil(step) {
+        for column in 0..width.div_ceil(step) {
+            let span = |c: usize, size: usize| c * step..((c + 1) * step).min(size);
+            let block = pool(image, span(column, width), span(row, height), |_| 1.0, |_| 1.0);
+            whole.add(&block);
+            let log_color = log_color(&block, bands, config);
+            if column == columns || row == rows || log_color[..bands].iter().any(|v| v.is_nan()) {
                 continue;
             }
             let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;
@@ -284,7 +307,7 @@ fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &Estimat
             }
         }
     }
-    sights
+    (sights, whole.mean())
 }
 
 #[cfg(test)]

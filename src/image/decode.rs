@@ -113,8 +113,32 @@ fn samples(encoding: &str) -> Option<Samples> {
 /// # Errors
 /// See [`codes`].
 pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, String> {
-    let codes = codes(encoded, light)?;
-    Ok(Decoded { image: codes.light(), coding: codes.coding })
+    decode_in(encoded, light, &mut Room::default())
+}
+
+/// The memory of a picture before, for the next one: fresh memory for every frame costs as much as a tenth of decoding.
+#[derive(Default)]
+pub struct Room {
+    codes: Vec<u8>,
+    light: Vec<f32>,
+}
+
+impl Room {
+    /// Takes back a picture that is no longer needed.
+    pub fn take_back(&mut self, image: SensorImage) {
+        self.light = image.light.pixels;
+    }
+}
+
+/// As [`decode`], with the memory of a picture before.
+///
+/// # Errors
+/// See [`codes`].
+pub fn decode_in(encoded: &EncodedImage<'_>, light: Light<'_>, room: &mut Room) -> Result<Decoded, String> {
+    let codes = codes_in(encoded, light, std::mem::take(&mut room.codes))?;
+    let decoded = Decoded { image: codes.light(std::mem::take(&mut room.light)), coding: codes.coding };
+    room.codes = codes.into_memory();
+    Ok(decoded)
 }
 
 /// A picture out of its container, before its codes are light: rows become light one at a time, where they are used.
@@ -161,13 +185,15 @@ impl Codes<'_> {
         if self.mosaic.is_some() { 3 } else { self.stored_bands() }
     }
 
-    /// Light of all rows.
-    pub fn light(&self) -> SensorImage {
-        let mut image = LinearImage::new(self.width, self.height, self.stored_bands());
-        for (y, row) in image.pixels.chunks_exact_mut(self.width * image.bands).enumerate() {
+    /// Light of all rows, in the memory of a picture before.
+    pub fn light(&self, memory: Vec<f32>) -> SensorImage {
+        let (width, height, bands) = (self.width, self.height, self.stored_bands());
+        let mut pixels = memory;
+        pixels.resize(width * height * bands, 0.0);
+        for (y, row) in pixels.chunks_exact_mut(width * bands).enumerate() {
             self.light_row(y, row);
         }
-        SensorImage { light: image, mosaic: self.mosaic }
+        SensorImage { light: LinearImage { width, height, bands, pixels }, mosaic: self.mosaic }
     }
 
     /// Whether light of row `y` may reach a level. Of 8 bits the brightest code tells, many at a time.
@@ -228,8 +254,7 @@ pub fn codes<'a>(encoded: &EncodedImage<'a>, light: Light<'a>) -> Result<Codes<'
     codes_in(encoded, light, Vec::new())
 }
 
-/// The same, with the memory of a picture before; [`Codes::into_memory`] gives it back. Fresh memory for every frame costs as
-/// much as a tenth of decoding.
+/// The same, with the memory of a picture before; [`Codes::into_memory`] gives it back.
 ///
 /// # Errors
 /// As [`codes`].

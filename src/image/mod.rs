@@ -15,6 +15,13 @@ pub mod response;
 pub mod transfer;
 mod yuv;
 
+/// The largest of many values, none of which counts below 0: eight at a time, in a loop that vectorises.
+pub fn largest(values: &[f32]) -> f32 {
+    let (blocks, rest) = values.as_chunks::<8>();
+    let most = blocks.iter().fold([0f32; 8], |most, block| std::array::from_fn(|k| if block[k] > most[k] { block[k] } else { most[k] }));
+    most.iter().chain(rest).copied().fold(0.0, f32::max)
+}
+
 /// A picture as a message holds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EncodedImage<'v> {

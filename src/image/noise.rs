@@ -19,8 +19,8 @@ pub struct Electrons {
 pub struct Noise {
     /// light of every code; empty where codes are proportional to it
     levels: Vec<f32>,
-    /// light of one step there
-    step: f64,
+    /// light of the largest step
+    largest_step: f64,
     electrons: Electrons,
 }
 
@@ -40,18 +40,29 @@ impl Noise {
             (None, Transfer::Linear | Transfer::Auto) => Vec::new(),
             (None, transfer) => (0..=codes).map(|c| transfer.to_linear(share(c)) as f32).collect(),
         };
-        Self { levels, step: 1.0 / codes as f64, electrons }
+        let steps = levels.windows(2).map(|pair: &[f32]| f64::from(pair[1] - pair[0]));
+        let largest_step = if levels.is_empty() { 1.0 / codes as f64 } else { steps.fold(0.0, f64::max) };
+        Self { levels, largest_step, electrons }
     }
 
     /// Standard deviation of light [share of full scale].
     pub fn std(&self, light: f64) -> f64 {
         let step = match self.levels.len() {
-            0 => self.step,
+            0 => self.largest_step,
             n => {
                 let next = self.levels.partition_point(|l| f64::from(*l) < light).clamp(1, n - 1);
                 f64::from(self.levels[next] - self.levels[next - 1])
             }
         };
+        self.with_step(step, light)
+    }
+
+    /// No more than this is it, wherever its step lies: told without looking for it.
+    pub fn std_at_most(&self, light: f64) -> f64 {
+        self.with_step(self.largest_step, light)
+    }
+
+    fn with_step(&self, step: f64, light: f64) -> f64 {
         let shot = self.electrons.full_well.map_or(0.0, |full| (light.max(0.0) * full + self.electrons.read_noise.powi(2)) / (full * full));
         (step * step / 12.0 + shot).sqrt()
     }
@@ -71,6 +82,7 @@ mod tests {
         assert!((twelve.std(0.3) * 12f64.sqrt() * 4095.0 - 1.0).abs() < 1e-9);
         // Code 128 of sRGB is 0.2159, the next 0.2195.
         let eight = Noise::of(&coding(8, Transfer::Srgb, 0xff), light(None), Electrons::default());
+        assert!(eight.std_at_most(0.2175) > eight.std(0.2175) && eight.std_at_most(0.2175) == eight.std(0.999));
         assert!((eight.std(0.2175) * 12f64.sqrt() - 0.0036).abs() < 2e-4, "{}", eight.std(0.2175));
         // 10 000 electrons at full scale: a quarter of it has 50 of 2500, and reading adds 5.
         let told = Noise::of(&coding(16, Transfer::Linear, 0xffff), light(None), Electrons { full_well: Some(1e4), read_noise: 5.0 });

@@ -8,7 +8,7 @@ use super::decode::Codes;
 pub fn reduced(codes: &Codes<'_>, most_px: usize) -> LinearImage {
     let block = codes.width.max(codes.height).div_ceil(most_px.max(1));
     if block <= 1 {
-        return codes.light().into_bands();
+        return codes.light(Vec::new()).into_bands();
     }
     // A block of a mosaic holds whole cells, so every band is in it.
     let block = if codes.mosaic.is_some() { block.next_multiple_of(2) } else { block };

@@ -2,6 +2,7 @@
 //! are small and stay. What the samples mean is for `estimate` to say.
 
 use std::collections::BTreeSet;
+use std::sync::Mutex;
 
 use crate::config::{Config, Estimator};
 use crate::correct::MeanFrames;
@@ -9,7 +10,7 @@ use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, coarsest_m, matches, samples};
 use crate::geometry::{SeafloorPlane, View};
 use crate::image::SensorImage;
-use crate::image::decode::{Decoded, Light, decode};
+use crate::image::decode::{Decoded, Light, Room, decode_in};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Message, Recording};
 use crate::spaces::Point;
@@ -144,9 +145,12 @@ pub fn collect(
     progress.begin(Step::Estimate, chosen.len());
     let wants_average = config.render.method.needs_mean_frames();
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
+    // As many as there are threads, and no longer than this pass.
+    let rooms: Mutex<Vec<Room>> = Mutex::default();
     let work = |(index, message): (usize, Message)| {
         let decoder = scan.decoders.get(&message.channel)?;
-        let (image, bits) = decoded(decoder, &message, survey, config).ok()?;
+        let mut room = rooms.lock().map(|mut spare| spare.pop()).ok().flatten().unwrap_or_default();
+        let (image, bits) = decoded(decoder, &message, survey, config, &mut room).ok()?;
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
@@ -159,7 +163,14 @@ pub fn collect(
             Some((plane.normal, plane.distance_m))
         };
         taken.planes_around = plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
-        Some((taken, wants_average.then(|| (image.into_bands(), view.camera_altitude_m()))))
+        if wants_average {
+            return Some((taken, Some((image.into_bands(), view.camera_altitude_m()))));
+        }
+        room.take_back(image);
+        if let Ok(mut spare) = rooms.lock() {
+            spare.push(room);
+        }
+        Some((taken, None))
     };
     for_frames(recording, &survey.frames, &chosen, threads, work, |result| -> Result<()> {
         if let Some((taken, image)) = result {
@@ -179,11 +190,17 @@ pub fn collect(
 }
 
 /// Decodes a camera's message into linear light; and the bits of its codes.
-fn decoded(decoder: &Decoder, message: &Message, survey: &Survey, config: &Config) -> std::result::Result<(SensorImage, u8), String> {
+fn decoded(
+    decoder: &Decoder,
+    message: &Message,
+    survey: &Survey,
+    config: &Config,
+    room: &mut Room,
+) -> std::result::Result<(SensorImage, u8), String> {
     let value = decoder.read(message.data())?;
     let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
     let light = Light { transfer: config.light.transfer, white_level: survey.white_level, response: survey.response.as_ref() };
-    let Decoded { mut image, coding } = decode(&read(&value)?, light)?;
+    let Decoded { mut image, coding } = decode_in(&read(&value)?, light, room)?;
     survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
     Ok((image, coding.bits))
 }

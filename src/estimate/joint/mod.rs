@@ -334,8 +334,7 @@ impl<'s> Problem<'s> {
         let setting = Setting { glow: self.setting.glow.map(|(_, glow)| (&self.back, glow)), ..self.setting };
         let mut row = row(&setting, &self.columns, o, &path, 0)?;
         self.add_up(&mut row, &solution.values);
-        let of_band = |b| if b < self.setting.bands { row.y[b] - self.modelled(&row, b, &solution.values) } else { 0.0 };
-        Some((std::array::from_fn(of_band), row.direct_share))
+        Some((self.beyond_model(&row, &solution.values), row.direct_share))
     }
 }
 

@@ -99,8 +99,7 @@ impl Problem<'_> {
             return values;
         }
         let direct: Vec<[f64; 3]> = {
-            let of_row = |r: &Row| -> [f64; 3] { std::array::from_fn(|b| if b < self.setting.bands { self.modelled(r, b, &values) } else { 0.0 }) };
-            let said = each(self.rows.iter().collect(), of_row);
+            let said = each(self.rows.iter().collect(), |r| self.modelled(r, &values));
             let by_glow = |r: &Row, b: usize| {
                 self.columns
                     .of_band(&self.setting, &self.back, r, b)
@@ -145,10 +144,17 @@ impl Problem<'_> {
         values
     }
 
-    /// What the unknowns say of a row.
-    pub(super) fn modelled(&self, row: &Row, band: usize, values: &DVector<f64>) -> f64 {
+    /// What the unknowns say of a row, by band.
+    fn modelled(&self, row: &Row, values: &DVector<f64>) -> [f64; 3] {
         let sum = |entries: &[(usize, f64)]| entries.iter().map(|(p, x)| x * values[*p]).sum::<f64>();
-        sum(&self.columns.of_beam(row)) + sum(&self.columns.of_band(&self.setting, &self.back, row, band))
+        let (beam, bands) = (sum(&self.columns.of_beam(row)), self.setting.bands);
+        std::array::from_fn(|b| if b < bands { beam + sum(&self.columns.of_band(&self.setting, &self.back, row, b)) } else { 0.0 })
+    }
+
+    /// y of a row less that.
+    pub(super) fn beyond_model(&self, row: &Row, values: &DVector<f64>) -> [f64; 3] {
+        let said = self.modelled(row, values);
+        std::array::from_fn(|b| row.y[b] - said[b])
     }
 
     /// Second differences of neighbouring nodes of the beam, first differences of those in time, and a ridge for the
@@ -217,13 +223,12 @@ impl Problem<'_> {
     fn misfits_of(&self, track: &Range<usize>, values: &DVector<f64>) -> Vec<[f64; 3]> {
         let (rows, weights) = (&self.rows[track.clone()], &self.weights[track.clone()]);
         let freedom = freedom(track);
-        let mut misfits = vec![[0.0; 3]; rows.len()];
+        let mut misfits: Vec<[f64; 3]> = rows.iter().map(|row| self.beyond_model(row, values)).collect();
         for b in 0..self.setting.bands {
             let (mut total, mut mean) = (0.0, 0.0);
-            for (i, row) in rows.iter().enumerate() {
-                misfits[i][b] = row.y[b] - self.modelled(row, b, values);
-                total += weights[i][b];
-                mean += weights[i][b] * misfits[i][b];
+            for (misfit, weight) in misfits.iter().zip(weights) {
+                total += weight[b];
+                mean += weight[b] * misfit[b];
             }
             for (misfit, row) in misfits.iter_mut().zip(rows) {
                 misfit[b] = (misfit[b] - mean / total.max(1e-12)) * freedom * row.direct_share[b];
@@ -286,11 +291,14 @@ impl Normal {
         }
         let per_total = total.map(|t| if t > 1e-12 { 1.0 / t } else { 0.0 });
         self.sums.sort_unstable_by_key(|(p, _)| *p);
+        let unknowns = self.matrix.nrows();
         for (k, (p, x)) in self.sums.iter().enumerate() {
             let x: [f64; 3] = std::array::from_fn(|b| x[b] * per_total[b]);
             self.right[*p] -= x[0] * total_y[0] + x[1] * total_y[1] + x[2] * total_y[2];
-            for (q, z) in &self.sums[..=k] {
-                self.matrix[(*p, *q)] -= x[0] * z[0] + x[1] * z[1] + x[2] * z[2];
+            // Down a column, as the matrix lies in memory.
+            let column = &mut self.matrix.as_mut_slice()[p * unknowns..][..unknowns];
+            for (q, z) in &self.sums[k..] {
+                column[*q] -= x[0] * z[0] + x[1] * z[1] + x[2] * z[2];
             }
             self.slots[*p] = usize::MAX;
         }
