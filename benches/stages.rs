@@ -1,6 +1,8 @@
-//! What each stage costs, one core, on a picture of 1.3 megapixels: `cargo bench`. Items are pixels but where a name says otherwise.
+//! What each stage costs, one core, on a picture of 1.3 megapixels: `cargo bench`. Items are pixels
+//! but where a name says otherwise.
 //!
-//! Times of one machine on one day; what is compared, and with whom, stands in `docs/benchmarks.md`.
+//! Times of one machine on one day; what is compared, and with whom, stands in
+//! `docs/benchmarks.md`.
 #![allow(clippy::unwrap_used)]
 
 use std::path::PathBuf;
@@ -34,13 +36,17 @@ fn pixels() -> ItemsCount {
 
 /// Blobs of many sizes: something to compress, and to find keypoints on.
 fn rgb8() -> Vec<u8> {
-    let wave = |x: f64, y: f64, k: f64| (x / k + 0.3 * (y / (1.7 * k)).sin()).sin() * (y / k - 0.4 * (x / (1.3 * k)).cos()).sin();
+    let wave = |x: f64, y: f64, k: f64| {
+        (x / k + 0.3 * (y / (1.7 * k)).sin()).sin() * (y / k - 0.4 * (x / (1.3 * k)).cos()).sin()
+    };
     let value = |i: usize| {
         let (x, y) = ((i % SIZE.0) as f64, (i / SIZE.0) as f64);
         let noise = ((i as u32).wrapping_mul(2_654_435_761) >> 24) as f64 / 255.0 - 0.5;
         0.45 + 0.12 * (wave(x, y, 4.3) + wave(x, y, 11.0) + wave(x, y, 31.0)) + 0.04 * noise
     };
-    (0..SIZE.0 * SIZE.1).flat_map(|i| [0.5, 0.9, 0.8].map(|band| (255.0 * band * value(i)) as u8)).collect()
+    (0..SIZE.0 * SIZE.1)
+        .flat_map(|i| [0.5, 0.9, 0.8].map(|band| (255.0 * band * value(i)) as u8))
+        .collect()
 }
 
 fn jpeg() -> Vec<u8> {
@@ -49,8 +55,16 @@ fn jpeg() -> Vec<u8> {
 
 fn raw(encoding: &str, data: &[u8], channels: usize) -> Codes<'static> {
     // Lives as long as the program: a bench's input.
-    let (data, encoding): (&'static [u8], &'static str) = (data.to_vec().leak(), String::from(encoding).leak());
-    let picture = EncodedImage::Raw { width: SIZE.0, height: SIZE.1, encoding, big_endian: false, step: SIZE.0 * channels, data };
+    let (data, encoding): (&'static [u8], &'static str) =
+        (data.to_vec().leak(), String::from(encoding).leak());
+    let picture = EncodedImage::Raw {
+        width: SIZE.0,
+        height: SIZE.1,
+        encoding,
+        big_endian: false,
+        step: SIZE.0 * channels,
+        data,
+    };
     codes(&picture, Light::default()).unwrap()
 }
 
@@ -66,7 +80,9 @@ struct Scene {
 impl Scene {
     fn new() -> Self {
         let nodes = Nodes::new(41, 70.0);
-        let beam: Vec<Option<f64>> = (0..41 * 41).map(|i| Some(-3.0 * nodes.angle(i / 41).powi(2) - 2.0 * nodes.angle(i % 41).powi(2))).collect();
+        let beam: Vec<Option<f64>> = (0..41 * 41)
+            .map(|i| Some(-3.0 * nodes.angle(i / 41).powi(2) - 2.0 * nodes.angle(i % 41).powi(2)))
+            .collect();
         let camera = Camera::from_field_of_view(SIZE.0, SIZE.1, 45.0);
         Self {
             model: ImagingModel {
@@ -82,7 +98,13 @@ impl Scene {
                 camera,
                 body_from_optical: Transform::identity(),
                 body_from_dvl: Transform::identity(),
-                strobe: StrobeMount { lamps: Lamps::one(Transform::from_parts([0.0, 0.9, 0.1], [-0.17, 0.0, 0.0, 0.985])), source: None },
+                strobe: StrobeMount {
+                    lamps: Lamps::one(Transform::from_parts(
+                        [0.0, 0.9, 0.1],
+                        [-0.17, 0.0, 0.0, 0.985],
+                    )),
+                    source: None,
+                },
             },
             plane: SeafloorPlane {
                 normal: Direction::from_vector(nalgebra::Vector3::new(0.02, 0.05, 1.0)).unwrap(),
@@ -122,7 +144,14 @@ impl Scene {
         };
         let view = self.view();
         let noise = Noise::of(&codes.coding, Light::default(), Default::default());
-        let frame = Frame { codes, flat_field: None, view: &view, gain: 1.0, noise: &noise, rectified: None };
+        let frame = Frame {
+            codes,
+            flat_field: None,
+            view: &view,
+            gain: 1.0,
+            noise: &noise,
+            rectified: None,
+        };
         out.clear();
         correction.apply(&frame, |row| table.codes(row, out));
     }
@@ -132,13 +161,17 @@ impl Scene {
 fn jpeg_decode(bencher: Bencher) {
     let data = jpeg();
     let picture = EncodedImage::Compressed { format: "jpeg", data: &data };
-    bencher.counter(pixels()).bench(|| codes(black_box(&picture), Light::default()).map(|c| c.width));
+    bencher
+        .counter(pixels())
+        .bench(|| codes(black_box(&picture), Light::default()).map(|c| c.width));
 }
 
 #[divan::bench]
 fn jpeg_encode(bencher: Bencher) {
     let samples = rgb8();
-    bencher.counter(pixels()).bench(|| encode::jpeg(black_box(&samples), SIZE.0, SIZE.1, 3, 92, true));
+    bencher
+        .counter(pixels())
+        .bench(|| encode::jpeg(black_box(&samples), SIZE.0, SIZE.1, 3, 92, true));
 }
 
 #[divan::bench]
@@ -151,24 +184,32 @@ fn png_encode(bencher: Bencher) {
 #[divan::bench]
 fn geometry(bencher: Bencher) {
     let scene = Scene::new();
-    let places: Vec<(f64, f64)> = (0..5000).map(|i| (f64::from(i % 84) * 16.0, f64::from(i / 84) * 16.0)).collect();
+    let places: Vec<(f64, f64)> =
+        (0..5000).map(|i| (f64::from(i % 84) * 16.0, f64::from(i / 84) * 16.0)).collect();
     bencher.counter(ItemsCount::new(places.len())).bench(|| {
         let view = scene.view();
-        places.iter().filter_map(|(u, v)| view.light_path(*u, *v)).map(|p| scene.model.log_light(&p, 0)).sum::<f64>()
+        places
+            .iter()
+            .filter_map(|(u, v)| view.light_path(*u, *v))
+            .map(|p| scene.model.log_light(&p, 0))
+            .sum::<f64>()
     });
 }
 
 #[divan::bench]
 fn kernel_rgb8(bencher: Bencher) {
-    let (scene, codes, table) = (Scene::new(), raw("rgb8", &rgb8(), 3), SrgbTable::new(Shoulder { from: 0.75 }));
+    let (scene, codes, table) =
+        (Scene::new(), raw("rgb8", &rgb8(), 3), SrgbTable::new(Shoulder { from: 0.75 }));
     let mut out = Vec::with_capacity(SIZE.0 * SIZE.1 * 3);
     bencher.counter(pixels()).bench_local(|| scene.correct(&codes, &table, &mut out));
 }
 
 #[divan::bench]
 fn kernel_bayer16(bencher: Bencher) {
-    let mosaic: Vec<u8> = rgb8().chunks_exact(3).flat_map(|p| (u16::from(p[1]) << 8).to_le_bytes()).collect();
-    let (scene, codes, table) = (Scene::new(), raw("bayer_rggb16", &mosaic, 2), SrgbTable::new(Shoulder { from: 0.75 }));
+    let mosaic: Vec<u8> =
+        rgb8().chunks_exact(3).flat_map(|p| (u16::from(p[1]) << 8).to_le_bytes()).collect();
+    let (scene, codes, table) =
+        (Scene::new(), raw("bayer_rggb16", &mosaic, 2), SrgbTable::new(Shoulder { from: 0.75 }));
     let mut out = Vec::with_capacity(SIZE.0 * SIZE.1 * 3);
     bencher.counter(pixels()).bench_local(|| scene.correct(&codes, &table, &mut out));
 }
@@ -178,11 +219,24 @@ fn kernel_bayer16(bencher: Bencher) {
 fn keypoints_and_samples(bencher: Bencher) {
     let (scene, codes, config) = (Scene::new(), raw("rgb8", &rgb8(), 3), Config::default());
     let mut light = LinearImage::new(SIZE.0, SIZE.1, 3);
-    light.pixels.chunks_exact_mut(3 * SIZE.0).enumerate().for_each(|(y, row)| codes.light_row(y, row));
+    light
+        .pixels
+        .chunks_exact_mut(3 * SIZE.0)
+        .enumerate()
+        .for_each(|(y, row)| codes.light_row(y, row));
     let image = SensorImage { light, mosaic: None };
-    bencher
-        .counter(pixels())
-        .bench(|| samples((0, Stamp(0)), &image, &scene.view(), Some(f64::INFINITY), &config.matching, &config.estimate).sights.len());
+    bencher.counter(pixels()).bench(|| {
+        samples(
+            (0, Stamp(0)),
+            &image,
+            &scene.view(),
+            Some(f64::INFINITY),
+            &config.matching,
+            &config.estimate,
+        )
+        .sights
+        .len()
+    });
 }
 
 fn sample_log() -> PathBuf {
@@ -193,7 +247,9 @@ fn sample_log() -> PathBuf {
 #[divan::bench(sample_count = 5, sample_size = 1)]
 fn solve(bencher: Bencher) {
     let (path, options) = (sample_log(), Options { threads: 1, ..Options::default() });
-    bencher.counter(ItemsCount::new(20usize)).bench(|| estimate_logs(&[&path], &options, &Silent).map(|(model, _)| model.attenuation_per_m));
+    bencher.counter(ItemsCount::new(20usize)).bench(|| {
+        estimate_logs(&[&path], &options, &Silent).map(|(model, _)| model.attenuation_per_m)
+    });
 }
 
 #[divan::bench]
@@ -206,11 +262,15 @@ fn chunk_read(bencher: Bencher) {
 
 #[divan::bench(args = ["zstd", "none"])]
 fn chunk_write(bencher: Bencher, compression: &str) {
-    let config = OutputConfig { compression: if compression == "zstd" { Compression::Zstd } else { Compression::None }, ..OutputConfig::default() };
+    let config = OutputConfig {
+        compression: if compression == "zstd" { Compression::Zstd } else { Compression::None },
+        ..OutputConfig::default()
+    };
     let (folder, message) = (tempfile::tempdir().unwrap(), rgb8());
     const MESSAGES: usize = 4;
     bencher.counter(BytesCount::new(MESSAGES * message.len())).bench(|| {
-        let (mut out, mut file) = Output::create(&folder.path().join("out.mcap"), "", &config).unwrap();
+        let (mut out, mut file) =
+            Output::create(&folder.path().join("out.mcap"), "", &config).unwrap();
         let schema = Schema { name: "Blob".into(), encoding: String::new(), data: Vec::new() };
         let channel = out.add_channel("/blob", "blob", &schema).unwrap();
         for time in 0..MESSAGES as u64 {

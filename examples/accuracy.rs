@@ -1,4 +1,5 @@
-//! How near the truth the estimators come, over many rendered dives: the tables of `docs/accuracy.md`.
+//! How near the truth the estimators come, over many rendered dives: the tables of
+//! `docs/accuracy.md`.
 //!
 //!     cargo run --release --example accuracy -- [--json] [SEEDS [CASE,CASE… [SETTINGS.toml]]]
 //!
@@ -69,11 +70,27 @@ const fn case(name: &'static str, dive: fn(u64) -> Dive) -> Case {
 
 const CASES: &[Case] = &[
     Case { compared: true, ..case("16-bit Bayer, clear", plain) },
-    Case { compared: true, ..case("JPEG q92, clear", |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) }) },
-    Case { change: |c| c.estimate.estimator = Estimator::Pairs, ..case("the paper's pairs", plain) },
-    Case { change: |c| c.estimate.spreading = Spreading::Fit, extra: exponents, ..case("exponent fitted", plain) },
-    Case { extra: strobe_found, ..case("strobe not given", |s| Dive { with_strobe_mount: false, ..plain(s) }) },
-    Case { extra: dropped_out, ..case("5 % at half power", |s| Dive { half_power_frames: 0.05, ..plain(s) }) },
+    Case {
+        compared: true,
+        ..case("JPEG q92, clear", |s| Dive { sensor: Sensor::Jpeg(92), ..plain(s) })
+    },
+    Case {
+        change: |c| c.estimate.estimator = Estimator::Pairs,
+        ..case("the paper's pairs", plain)
+    },
+    Case {
+        change: |c| c.estimate.spreading = Spreading::Fit,
+        extra: exponents,
+        ..case("exponent fitted", plain)
+    },
+    Case {
+        extra: strobe_found,
+        ..case("strobe not given", |s| Dive { with_strobe_mount: false, ..plain(s) })
+    },
+    Case {
+        extra: dropped_out,
+        ..case("5 % at half power", |s| Dive { half_power_frames: 0.05, ..plain(s) })
+    },
     case("gains 1 to 1/8, told", |s| Dive { gain_channel: Some(s % 2 == 0), ..plain(s) }),
     Case { extra: modelled, ..case("backscatter 10 %", |s| Dive { backscatter: 0.1, ..plain(s) }) },
     Case {
@@ -82,9 +99,15 @@ const CASES: &[Case] = &[
         ..case("the same, `--backscatter off`", |s| Dive { backscatter: 0.1, ..plain(s) })
     },
     Case { extra: modelled, ..case("backscatter 30 %", |s| Dive { backscatter: 0.3, ..plain(s) }) },
-    Case { extra: followed, ..case("α drifts by 30 %", |s| Dive { attenuation_drift: 0.3, ..plain(s) }) },
+    Case {
+        extra: followed,
+        ..case("α drifts by 30 %", |s| Dive { attenuation_drift: 0.3, ..plain(s) })
+    },
     case("ridges of 0.15 m", |s| Dive { relief_m: 0.15, ..plain(s) }),
-    Case { change: |c| c.seafloor.relief = Switch::Off, ..case("the same ridges, a plane", |s| Dive { relief_m: 0.15, ..plain(s) }) },
+    Case {
+        change: |c| c.seafloor.relief = Switch::Off,
+        ..case("the same ridges, a plane", |s| Dive { relief_m: 0.15, ..plain(s) })
+    },
     case("two strobes", |s| Dive { second_strobe: true, ..plain(s) }),
     case("slope 15°", |s| Dive { slope_deg: (15.0, 0.0), ..plain(s) }),
 ];
@@ -101,20 +124,29 @@ const BASELINES: &[(&str, Method)] = &[
 ];
 
 fn main() {
-    let (flags, words): (Vec<String>, Vec<String>) = std::env::args().skip(1).partition(|word| word.starts_with("--"));
+    let (flags, words): (Vec<String>, Vec<String>) =
+        std::env::args().skip(1).partition(|word| word.starts_with("--"));
     let json = flags.iter().any(|flag| flag == "--json");
     let seeds: u64 = words.first().and_then(|n| n.parse().ok()).unwrap_or(8);
     let wanted = words.get(1).cloned().unwrap_or_default();
-    let base = words.get(2).map(|path| Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings")).unwrap_or_default();
+    let base = words
+        .get(2)
+        .map(|path| {
+            Config::from_toml(&std::fs::read_to_string(path).expect("settings")).expect("settings")
+        })
+        .unwrap_or_default();
     let folder = std::env::temp_dir().join(format!("unwater-accuracy-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     if !json {
         println!(
-            "| case ({seeds} seeds) | mean error of α R, G, B | largest | largest of α_R − α_G, α_G − α_B | log BP RMSE | reflectance, median error | 95 % holds | identified | |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+            "| case ({seeds} seeds) | mean error of α R, G, B | largest | largest of α_R − α_G, \
+             α_G − α_B | log BP RMSE | reflectance, median error | 95 % holds | identified | |\n| \
+             --- | --- | --- | --- | --- | --- | --- | --- | --- |"
         );
     }
     let mut done: Vec<(&'static str, Vec<Judged>)> = Vec::new();
-    for case in CASES.iter().filter(|c| wanted.split(',').any(|begins| c.name.starts_with(begins))) {
+    for case in CASES.iter().filter(|c| wanted.split(',').any(|begins| c.name.starts_with(begins)))
+    {
         let mut options = Options { config: base.clone(), ..Options::default() };
         (case.change)(&mut options.config);
         options.threads = 1;
@@ -159,8 +191,10 @@ fn judged(dive: &Dive, options: &Options, compared: bool, folder: &Path) -> Judg
         unbend(&mut in_codes, eight.config.render.shoulder_from);
         others.push(("8 bit out", shown(&in_codes)));
         let of_truth = ground.floor(&truth);
-        let (scatter, scatter_over_spread) = of_truth.iter().map(|(within, between)| (*within, within / between)).unzip();
-        others.push(("the truth itself", Shown { scatter, scatter_over_spread, ..Shown::default() }));
+        let (scatter, scatter_over_spread) =
+            of_truth.iter().map(|(within, between)| (*within, within / between)).unzip();
+        others
+            .push(("the truth itself", Shown { scatter, scatter_over_spread, ..Shown::default() }));
     }
     Judged(Outcome {
         true_attenuation_per_m: truth.attenuation_per_m,
@@ -180,8 +214,11 @@ fn list(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
 
 fn print_estimates(case: &Case, judged: &[Judged]) {
     let n = judged.len() as f64;
-    let mean = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|j| f(&j.0.verdict)).sum::<f64>() / n;
-    let largest = |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|j| f(&j.0.verdict).abs()).fold(0.0, f64::max);
+    let mean =
+        |f: &dyn Fn(&Verdict) -> f64| judged.iter().map(|j| f(&j.0.verdict)).sum::<f64>() / n;
+    let largest = |f: &dyn Fn(&Verdict) -> f64| {
+        judged.iter().map(|j| f(&j.0.verdict).abs()).fold(0.0, f64::max)
+    };
     let error = |v: &Verdict, b: usize| v.attenuation_error_per_m[b];
     println!(
         "| {} | {} | {} | {} | {:.3} | {} | {:.0} % | {} of {n} | {} |",
@@ -200,7 +237,8 @@ fn print_estimates(case: &Case, judged: &[Judged]) {
 /// What the pictures show, raw, corrected and by others: means over the seeds.
 fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
     println!(
-        "\n| case | pictures | same-point scatter R, G, B | over between-point spread | ΔE00, median | 95 % |\n| --- | --- | --- | --- | --- | --- |"
+        "\n| case | pictures | same-point scatter R, G, B | over between-point spread | ΔE00, \
+         median | 95 % |\n| --- | --- | --- | --- | --- | --- |"
     );
     for (case, judged) in done {
         let row = |what: &str, of: &dyn Fn(&Outcome) -> Option<Shown>| {
@@ -208,7 +246,8 @@ fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
             if all.is_empty() {
                 return;
             }
-            let mean = |f: &dyn Fn(&Shown) -> f64| all.iter().map(f).sum::<f64>() / all.len() as f64;
+            let mean =
+                |f: &dyn Fn(&Shown) -> f64| all.iter().map(f).sum::<f64>() / all.len() as f64;
             println!(
                 "| {case} | {what} | {} | {} | {:.2} | {:.2} |",
                 list((0..3).map(|b| mean(&|s| s.scatter[b])), 3),
@@ -219,7 +258,11 @@ fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
         };
         row("raw", &|o| Some(o.raw.clone()));
         row("corrected", &|o| Some(o.shown.clone()));
-        for name in judged.first().map(|j| j.0.others.iter().map(|(name, _)| *name).collect::<Vec<_>>()).unwrap_or_default() {
+        for name in judged
+            .first()
+            .map(|j| j.0.others.iter().map(|(name, _)| *name).collect::<Vec<_>>())
+            .unwrap_or_default()
+        {
             row(name, &|o| o.of(name).cloned());
         }
     }
@@ -227,7 +270,8 @@ fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
 
 fn print_json(case: &Case, judged: &[Judged]) {
     for (seed, Judged(o)) in (1..).zip(judged) {
-        let others: BTreeMap<&str, &Shown> = o.others.iter().map(|(name, shown)| (*name, shown)).collect();
+        let others: BTreeMap<&str, &Shown> =
+            o.others.iter().map(|(name, shown)| (*name, shown)).collect();
         let v = &o.verdict;
         let line = serde_json::json!({
             "case": case.name, "seed": seed, "identified": v.model.identified,
@@ -267,16 +311,25 @@ fn exponent_off(o: &Outcome) -> f64 {
 
 fn exponents(judged: &[Judged]) -> String {
     let held = judged.iter().filter_map(|j| {
-        let std = j.0.verdict.model.estimators.get("joint")?.details.get("spreading_exponent_std")?;
+        let std =
+            j.0.verdict.model.estimators.get("joint")?.details.get("spreading_exponent_std")?;
         Some(exponent_off(&j.0) <= 1.96 * std)
     });
-    format!("exponent off by {:.3} at most; its interval holds {}", judged.iter().map(|j| exponent_off(&j.0)).fold(0.0, f64::max), share(held))
+    format!(
+        "exponent off by {:.3} at most; its interval holds {}",
+        judged.iter().map(|j| exponent_off(&j.0)).fold(0.0, f64::max),
+        share(held)
+    )
 }
 
 /// How many of them are so, in percent.
 fn share(held: impl Iterator<Item = bool>) -> String {
     let held: Vec<bool> = held.collect();
-    format!("{:.0} % of {}", 100.0 * held.iter().filter(|h| **h).count() as f64 / held.len() as f64, held.len())
+    format!(
+        "{:.0} % of {}",
+        100.0 * held.iter().filter(|h| **h).count() as f64 / held.len() as f64,
+        held.len()
+    )
 }
 
 fn strobe_off(o: &Outcome) -> f64 {
@@ -285,7 +338,8 @@ fn strobe_off(o: &Outcome) -> f64 {
 
 /// How far from its place the strobe is taken to be, along the vehicle's axes [m].
 fn strobe_off_in(v: &Verdict, truth: &Truth) -> [f64; 3] {
-    // The camera looks straight down, image up is forward: ahead = −y, left = −x, up = −z of the optical space.
+    // The camera looks straight down, image up is forward: ahead = −y, left = −x, up = −z of the
+    // optical space.
     let camera = [0.34, -0.10, -0.12];
     let found = v.model.strobe.as_ref().map_or([f64::NAN; 3], |s| s.position_in_optical_m);
     let in_base = [-found[1], -found[0], -found[2]];
@@ -294,10 +348,18 @@ fn strobe_off_in(v: &Verdict, truth: &Truth) -> [f64; 3] {
 
 fn strobe_found(judged: &[Judged]) -> String {
     let off: Vec<f64> = judged.iter().map(|j| strobe_off(&j.0)).collect();
-    let held = judged.iter().filter_map(|j| Some((j.0.strobe_off_m, j.0.verdict.model.strobe.as_ref()?.position_std_m?)));
-    let held = held.flat_map(|(off, std)| std::array::from_fn::<bool, 3, _>(|i| off[i].abs() <= 1.96 * std[i]));
-    let (most, mean) = (off.iter().copied().fold(0.0, f64::max), off.iter().sum::<f64>() / off.len() as f64);
-    format!("found within {most:.3} m at most, {mean:.3} m in the mean; intervals of its place hold {}", share(held))
+    let held = judged.iter().filter_map(|j| {
+        Some((j.0.strobe_off_m, j.0.verdict.model.strobe.as_ref()?.position_std_m?))
+    });
+    let held = held.flat_map(|(off, std)| {
+        std::array::from_fn::<bool, 3, _>(|i| off[i].abs() <= 1.96 * std[i])
+    });
+    let (most, mean) =
+        (off.iter().copied().fold(0.0, f64::max), off.iter().sum::<f64>() / off.len() as f64);
+    format!(
+        "found within {most:.3} m at most, {mean:.3} m in the mean; intervals of its place hold {}",
+        share(held)
+    )
 }
 
 fn dropped_out(judged: &[Judged]) -> String {
@@ -306,7 +368,10 @@ fn dropped_out(judged: &[Judged]) -> String {
 }
 
 fn modelled(judged: &[Judged]) -> String {
-    format!("modelled in {}", judged.iter().filter(|j| j.0.verdict.model.backscatter.is_some()).count())
+    format!(
+        "modelled in {}",
+        judged.iter().filter(|j| j.0.verdict.model.backscatter.is_some()).count()
+    )
 }
 
 fn followed_within(o: &Outcome) -> f64 {

@@ -1,8 +1,10 @@
 //! A log as long and as large as one likes, to measure on: a rendered dive, over and over.
 //!
-//!     cargo run --release --example long_log -- OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|bayer16 [DISTINCT]]]
+//! cargo run --release --example long_log -- OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|bayer16
+//! [DISTINCT]]]
 //!
-//! Frames are rendered once (`DISTINCT` of them, 24 unless told: one swing of the altitude) and repeated with later stamps.
+//! Frames are rendered once (`DISTINCT` of them, 24 unless told: one swing of the altitude) and
+//! repeated with later stamps.
 #[path = "../tests/support/mod.rs"]
 mod support;
 
@@ -14,14 +16,19 @@ use unwater::recording::{Entry, Recording, Window};
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let number = |i: usize, default: usize| words.get(i).map_or(default, |w| w.parse().expect("a number"));
+    let number =
+        |i: usize, default: usize| words.get(i).map_or(default, |w| w.parse().expect("a number"));
     let [path, frames, ..] = words.as_slice() else {
         eprintln!("long_log OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|bayer16 [DISTINCT]]]");
         std::process::exit(2);
     };
     let frames: usize = frames.parse().expect("a number of frames");
     let (width, height, distinct) = (number(2, 1344), number(3, 1008), number(5, 24).min(frames));
-    let sensor = if words.get(4).is_some_and(|w| w == "bayer16") { Sensor::Bayer16 } else { Sensor::Jpeg(92) };
+    let sensor = if words.get(4).is_some_and(|w| w == "bayer16") {
+        Sensor::Bayer16
+    } else {
+        Sensor::Jpeg(92)
+    };
     let once = PathBuf::from(format!("{path}.once"));
     // As sharp to the camera as the small dives of the tests: the same field of view.
     let focal_px = 460.0 * width as f64 / 384.0;
@@ -34,17 +41,29 @@ fn main() {
 fn repeat(once: &std::path::Path, path: &std::path::Path, frames: usize, distinct: usize) {
     let recording = Recording::open(once).expect("a log");
     let file = BufWriter::new(std::fs::File::create(path).expect("a file"));
-    let mut writer = mcap::WriteOptions::new().profile("ros2").compression(None).chunk_size(Some(4 << 20)).create(file).expect("a writer");
+    let mut writer = mcap::WriteOptions::new()
+        .profile("ros2")
+        .compression(None)
+        .chunk_size(Some(4 << 20))
+        .create(file)
+        .expect("a writer");
     for (id, schema) in &recording.schemas {
-        writer.add_schema_with_id(*id, &schema.name, &schema.encoding, &schema.data).expect("a schema");
+        writer
+            .add_schema_with_id(*id, &schema.name, &schema.encoding, &schema.data)
+            .expect("a schema");
     }
     for (id, c) in &recording.channels {
-        writer.add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata).expect("a channel");
+        writer
+            .add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata)
+            .expect("a channel");
     }
     let is_picture = |channel: u16| recording.channels[&channel].topic.contains("/image_raw");
     let mut pictures = 0;
     let period_ns = distinct as u64 * 1_000_000_000;
-    let start = recording.messages(Window::ALL).find_map(|e| if let Entry::Message(m) = e { Some(m.log_time) } else { None }).expect("a message");
+    let start = recording
+        .messages(Window::ALL)
+        .find_map(|e| if let Entry::Message(m) = e { Some(m.log_time) } else { None })
+        .expect("a message");
     for round in 0..frames.div_ceil(distinct) {
         for entry in recording.messages(Window::ALL) {
             let Entry::Message(m) = entry else { continue };

@@ -1,5 +1,5 @@
-//! What correction does to dives of which nobody knows the truth: do pictures of one place agree better after it than before,
-//! and does colour still fall with the altitude?
+//! What correction does to dives of which nobody knows the truth: do pictures of one place agree
+//! better after it than before, and does colour still fall with the altitude?
 //!
 //!     cargo run --release --example real_dives -- LOG.mcap...
 
@@ -16,7 +16,8 @@ use unwater::pipeline::scan::Scan;
 use unwater::pipeline::{Options, Prepared, Silent, correct, open, prepare};
 use unwater::recording::{Entry, Recording, Window};
 
-/// Light is compared over a Gaussian of this standard deviation on the seafloor [m]: matches are a pixel or two off.
+/// Light is compared over a Gaussian of this standard deviation on the seafloor [m]: matches are a
+/// pixel or two off.
 const PATCH_SIGMA_M: f64 = 0.01;
 /// Raw light beyond these [share of full scale] is no measurement.
 const USABLE: std::ops::Range<f64> = 0.0015..0.985;
@@ -27,7 +28,9 @@ fn main() {
     let folder = std::env::temp_dir().join(format!("unwater-real-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     println!(
-        "| dive | frames, pairs, points | median difference at one place, raw R, G, B | corrected | by `frame-average` | slope of log light with altitude, raw [1/m] | corrected | identified |"
+        "| dive | frames, pairs, points | median difference at one place, raw R, G, B | corrected \
+         | by `frame-average` | slope of log light with altitude, raw [1/m] | corrected | \
+         identified |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
     for path in std::env::args().skip(1) {
@@ -37,7 +40,8 @@ fn main() {
         let pairs = matched(&log, &frames, &options);
         let raw = pictures(&log.recording, &log.scan, &log.survey.camera_topic);
         let output = folder.join("corrected.mcap");
-        let (report, model) = correct(path, &output, None, &options, &Silent).expect("a corrected log");
+        let (report, model) =
+            correct(path, &output, None, &options, &Silent).expect("a corrected log");
         let read_back = || {
             let (recording, scan) = open(&output, &Options::default()).expect("a corrected log");
             pictures(&recording, &scan, &report.corrected_topic)
@@ -49,7 +53,9 @@ fn main() {
         let averaged = read_back();
         let focal_px = log.survey.rig.camera.fx;
         let points: usize = pairs.iter().map(|(_, _, points)| points.len()).sum();
-        let differ = |pictures: &BTreeMap<u64, LinearImage>| text(&differences(&frames, &pairs, &raw, pictures, focal_px), 3);
+        let differ = |pictures: &BTreeMap<u64, LinearImage>| {
+            text(&differences(&frames, &pairs, &raw, pictures, focal_px), 3)
+        };
         println!(
             "| {} | {}, {}, {points} | {} | {} | {} | {} | {} | {} |",
             path.file_stem().map(|n| n.to_string_lossy()).unwrap_or_default(),
@@ -80,7 +86,10 @@ fn decoded(recording: &Recording, scan: &Scan, topic: &str) -> Vec<(u64, SensorI
 }
 
 fn pictures(recording: &Recording, scan: &Scan, topic: &str) -> BTreeMap<u64, LinearImage> {
-    decoded(recording, scan, topic).into_iter().map(|(time, image)| (time, image.into_bands())).collect()
+    decoded(recording, scan, topic)
+        .into_iter()
+        .map(|(time, image)| (time, image.into_bands()))
+        .collect()
 }
 
 /// Keypoints of every frame with a floor below it.
@@ -91,10 +100,25 @@ fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
         let plane = survey.pings.seafloor(stamp, &survey.rig, &options.config.seafloor).ok()?;
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let relief = survey.pings.relief(stamp, &plane, &survey.rig);
-        let view = View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
-        Some((time, samples((index, stamp), &image, &view, Some(f64::INFINITY), &options.config.matching, &options.config.estimate)))
+        let view =
+            View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
+        Some((
+            time,
+            samples(
+                (index, stamp),
+                &image,
+                &view,
+                Some(f64::INFINITY),
+                &options.config.matching,
+                &options.config.estimate,
+            ),
+        ))
     };
-    decoded(&log.recording, &log.scan, &survey.camera_topic).into_iter().enumerate().filter_map(of).collect()
+    decoded(&log.recording, &log.scan, &survey.camera_topic)
+        .into_iter()
+        .enumerate()
+        .filter_map(of)
+        .collect()
 }
 
 type Pair = (usize, usize, Vec<(u32, u32)>);
@@ -102,30 +126,45 @@ type Pair = (usize, usize, Vec<(u32, u32)>);
 fn matched(log: &Prepared, frames: &[(u64, FrameSamples)], options: &Options) -> Vec<Pair> {
     let matching = &options.config.matching;
     let camera = &log.survey.rig.camera;
-    let reduction = camera.width.max(camera.height).div_ceil(matching.detection_side_px).max(1) as f64;
+    let reduction =
+        camera.width.max(camera.height).div_ceil(matching.detection_side_px).max(1) as f64;
     let inlier = matching.inlier_px * reduction / camera.fx;
-    let of = |i: usize| Matchable { keypoints: &frames[i].1.keypoints, places: &frames[i].1.places };
-    let neighbours = (0..frames.len()).flat_map(|a| (a + 1..frames.len().min(a + 1 + matching.neighbours)).map(move |b| (a, b)));
-    let pairs = neighbours.map(|(a, b)| (a, b, matches(&of(a), &of(b), matching, inlier, (a as u64) << 32 | b as u64)));
+    let of =
+        |i: usize| Matchable { keypoints: &frames[i].1.keypoints, places: &frames[i].1.places };
+    let neighbours = (0..frames.len())
+        .flat_map(|a| (a + 1..frames.len().min(a + 1 + matching.neighbours)).map(move |b| (a, b)));
+    let pairs = neighbours.map(|(a, b)| {
+        (a, b, matches(&of(a), &of(b), matching, inlier, (a as u64) << 32 | b as u64))
+    });
     pairs.filter(|(_, _, points)| !points.is_empty()).collect()
 }
 
 /// Log of mean light around a place, per band; `None` over the edge.
 fn pooled(image: &LinearImage, u: f64, v: f64, sigma_px: f64) -> Option<Vec<f64>> {
     let reach = (2.5 * sigma_px).ceil();
-    let inside = u - reach >= 0.0 && v - reach >= 0.0 && u + reach < image.width as f64 && v + reach < image.height as f64;
+    let inside = u - reach >= 0.0
+        && v - reach >= 0.0
+        && u + reach < image.width as f64
+        && v + reach < image.height as f64;
     let (mut sums, mut weights) = (vec![0.0; image.bands], 0.0);
     for y in (inside.then_some((v - reach) as usize)?)..=(v + reach) as usize {
         for x in (u - reach) as usize..=(u + reach) as usize {
-            let weight = (-((x as f64 - u).powi(2) + (y as f64 - v).powi(2)) / (2.0 * sigma_px * sigma_px)).exp();
+            let weight = (-((x as f64 - u).powi(2) + (y as f64 - v).powi(2))
+                / (2.0 * sigma_px * sigma_px))
+                .exp();
             weights += weight;
-            image.at(x, y).iter().zip(&mut sums).for_each(|(value, sum)| *sum += weight * f64::from(*value));
+            image
+                .at(x, y)
+                .iter()
+                .zip(&mut sums)
+                .for_each(|(value, sum)| *sum += weight * f64::from(*value));
         }
     }
     Some(sums.iter().map(|s| s / weights).collect())
 }
 
-/// Median of |log c − log c′| over points that two frames see, where the raw light is usable in both.
+/// Median of |log c − log c′| over points that two frames see, where the raw light is usable in
+/// both.
 fn differences(
     frames: &[(u64, FrameSamples)],
     pairs: &[Pair],
@@ -140,7 +179,8 @@ fn differences(
                 let (time, samples) = &frames[frame];
                 let k = &samples.keypoints[keypoint as usize];
                 let sigma_px = PATCH_SIGMA_M * focal_px / samples.camera_altitude_m;
-                let usable = pooled(raw.get(time)?, k.u, k.v, sigma_px)?.iter().all(|v| USABLE.contains(v));
+                let usable =
+                    pooled(raw.get(time)?, k.u, k.v, sigma_px)?.iter().all(|v| USABLE.contains(v));
                 usable.then(|| pooled(shown.get(time)?, k.u, k.v, sigma_px)).flatten()
             };
             let Some((one, other)) = light(*a, *i).zip(light(*b, *j)) else { continue };
@@ -151,7 +191,8 @@ fn differences(
     of_band.into_iter().filter(|all| !all.is_empty()).map(median).collect()
 }
 
-/// Slope of frames' median log light with the camera's altitude [1/m], over pixels that are lit before and after.
+/// Slope of frames' median log light with the camera's altitude [1/m], over pixels that are lit
+/// before and after.
 fn slopes(
     frames: &[(u64, FrameSamples)],
     raw: &BTreeMap<u64, LinearImage>,
@@ -161,18 +202,25 @@ fn slopes(
     let of_frame = |(time, samples): &(u64, FrameSamples)| {
         let (raw, corrected, shown) = (raw.get(time)?, corrected.get(time)?, shown.get(time)?);
         let bands = shown.bands;
-        let lit = |i: &usize| (0..bands).all(|b| raw.pixels[i * bands + b] > 0.0 && corrected.pixels[i * bands + b] > 0.0);
+        let lit = |i: &usize| {
+            (0..bands)
+                .all(|b| raw.pixels[i * bands + b] > 0.0 && corrected.pixels[i * bands + b] > 0.0)
+        };
         let lit: Vec<usize> = (0..shown.width * shown.height).step_by(7).filter(lit).collect();
-        let log = |b: usize| median(lit.iter().map(|i| f64::from(shown.pixels[i * bands + b]).ln()).collect());
-        (!lit.is_empty()).then(|| (samples.camera_altitude_m, (0..bands).map(log).collect::<Vec<_>>()))
+        let log = |b: usize| {
+            median(lit.iter().map(|i| f64::from(shown.pixels[i * bands + b]).ln()).collect())
+        };
+        (!lit.is_empty())
+            .then(|| (samples.camera_altitude_m, (0..bands).map(log).collect::<Vec<_>>()))
     };
     let points: Vec<(f64, Vec<f64>)> = frames.iter().filter_map(of_frame).collect();
     let n = points.len() as f64;
     let mean_altitude = points.iter().map(|(a, _)| a).sum::<f64>() / n;
     let slope = |b: usize| {
         let mean = points.iter().map(|(_, l)| l[b]).sum::<f64>() / n;
-        let (top, bottom) =
-            points.iter().fold((0.0, 0.0), |(t, d), (a, l)| (t + (a - mean_altitude) * (l[b] - mean), d + (a - mean_altitude).powi(2)));
+        let (top, bottom) = points.iter().fold((0.0, 0.0), |(t, d), (a, l)| {
+            (t + (a - mean_altitude) * (l[b] - mean), d + (a - mean_altitude).powi(2))
+        });
         top / bottom
     };
     (0..points.first().map_or(0, |(_, l)| l.len())).map(slope).collect()

@@ -13,7 +13,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::{Compression, Config, Estimator, ImageFormat, Method, OutputEncoding, Spreading, StrobePosition, Switch, with_nearest_key};
+use crate::config::{
+    Compression, Config, Estimator, ImageFormat, Method, OutputEncoding, Spreading, StrobePosition,
+    Switch, with_nearest_key,
+};
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
 use crate::pipeline::{Options, survey::Selection};
@@ -35,8 +38,8 @@ pub enum Ended {
 
 /// Takes the water out of dive logs.
 ///
-/// Reads camera and DVL channels from an MCAP recording, estimates what the water and the strobe did to the light,
-/// corrects every image, and writes a new MCAP that Foxglove and rerun play back.
+/// Reads camera and DVL channels from an MCAP recording, estimates what the water and the strobe
+/// did to the light, corrects every image, and writes a new MCAP that Foxglove and rerun play back.
 #[derive(Debug, Parser)]
 #[command(name = "unwater", version, max_term_width = 110, arg_required_else_help = true)]
 pub struct Cli {
@@ -49,47 +52,57 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Estimate and correct: a dive log in, a corrected log out
-    #[command(
-        after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap -o clear.mcap --depth 16\n  unwater estimate dive.mcap && unwater correct dive_2.mcap --model dive.model.json\n\nExit status: 0 done; 1 failed, nothing written; 2 bad usage; 3 done, with losses that are listed."
-    )]
+    #[command(after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap \
+                            -o clear.mcap --depth 16\n  unwater estimate dive.mcap && unwater \
+                            correct dive_2.mcap --model dive.model.json\n\nExit status: 0 done; \
+                            1 failed, nothing written; 2 bad usage; 3 done, with losses that are \
+                            listed.")]
     Correct(Correct),
-    /// Pass one alone: write a model that corrects this dive, or others of the same water and strobe
-    #[command(after_help = "Examples:\n  unwater estimate dive.mcap -o model.json\n  unwater estimate dive_1.mcap dive_2.mcap -o two.model.json")]
+    /// Pass one alone: write a model that corrects this dive, or others of the same water and
+    /// strobe
+    #[command(after_help = "Examples:\n  unwater estimate dive.mcap -o model.json\n  unwater \
+                            estimate dive_1.mcap dive_2.mcap -o two.model.json")]
     Estimate(EstimateArgs),
     /// Show what a log holds, what is missing, and what would be done
-    #[command(
-        after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap --json | jq .plan.camera\n  unwater inspect dive.mcap --clocks"
-    )]
+    #[command(after_help = "Examples:\n  unwater inspect dive.mcap\n  unwater inspect dive.mcap \
+                            --json | jq .plan.camera\n  unwater inspect dive.mcap --clocks")]
     Inspect(Inspect),
-    /// Write one self-contained page (HTML) about a corrected log: numbers, figures, before and after
-    #[command(after_help = "Examples:\n  unwater report dive.corrected.mcap\n  unwater report dive.corrected.mcap -o page.html --force")]
+    /// Write one self-contained page (HTML) about a corrected log: numbers, figures, before and
+    /// after
+    #[command(after_help = "Examples:\n  unwater report dive.corrected.mcap\n  unwater report \
+                            dive.corrected.mcap -o page.html --force")]
     Report(ReportArgs),
     /// Show one frame under every correction method, labelled, side by side (PNG)
-    #[command(
-        after_help = "Examples:\n  unwater compare dive.mcap --frame 12 -o sheet.png\n  unwater compare dive.mcap --model dive.model.json --at 2025-10-09T08:53:25Z -o moment.png"
-    )]
+    #[command(after_help = "Examples:\n  unwater compare dive.mcap --frame 12 -o sheet.png\n  \
+                            unwater compare dive.mcap --model dive.model.json --at \
+                            2025-10-09T08:53:25Z -o moment.png")]
     Compare(CompareArgs),
-    /// Lay a stretch of frames over the seafloor: raw and corrected side by side (PNG), or georeferenced (GeoTIFF)
-    #[command(
-        after_help = "Examples:\n  unwater mosaic dive.corrected.mcap -o mosaic.png\n  unwater mosaic dive.corrected.mcap -S 2025-10-09T08:53:22Z -E 2025-10-09T08:53:30Z -o stretch.png\n\nWith -o MOSAIC.tif a GeoTIFF, where the log has a position."
-    )]
+    /// Lay a stretch of frames over the seafloor: raw and corrected side by side (PNG), or
+    /// georeferenced (GeoTIFF)
+    #[command(after_help = "Examples:\n  unwater mosaic dive.corrected.mcap -o mosaic.png\n  \
+                            unwater mosaic dive.corrected.mcap -S 2025-10-09T08:53:22Z -E \
+                            2025-10-09T08:53:30Z -o stretch.png\n\nWith -o MOSAIC.tif a GeoTIFF, \
+                            where the log has a position.")]
     Mosaic(MosaicArgs),
     /// Write a data set an archive takes: corrected stills, a table (CSV), an iFDO record
     #[command(after_help = "Examples:\n  unwater export dive.corrected.mcap -o stills")]
     Export(ExportArgs),
     /// Write a commented rig file with what the log knows, the rest marked to be filled in
-    #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct dive.mcap --rig rig.toml -o by_rig.mcap")]
+    #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct \
+                            dive.mcap --rig rig.toml -o by_rig.mcap")]
     Init(Init),
     /// Print every setting with its effective value, unit and reason
-    #[command(after_help = "Examples:\n  unwater config > unwater.toml\n  unwater config --config unwater.toml --depth 16")]
+    #[command(after_help = "Examples:\n  unwater config > unwater.toml\n  unwater config \
+                            --config unwater.toml --depth 16")]
     Config(ConfigArgs),
     /// Write a layout for Foxglove, or a script that opens rerun, with this log's topics laid out
-    #[command(
-        after_help = "Examples:\n  unwater layout dive.corrected.mcap --foxglove\n  unwater layout dive.corrected.mcap --rerun   # then: python dive.corrected.rerun.py"
-    )]
+    #[command(after_help = "Examples:\n  unwater layout dive.corrected.mcap --foxglove\n  \
+                            unwater layout dive.corrected.mcap --rerun   # then: python \
+                            dive.corrected.rerun.py")]
     Layout(LayoutArgs),
     /// Print a script that completes words in your shell
-    #[command(after_help = "Examples:\n  unwater completions bash > unwater.bash\n  unwater completions zsh > _unwater")]
+    #[command(after_help = "Examples:\n  unwater completions bash > unwater.bash\n  unwater \
+                            completions zsh > _unwater")]
     Completions(CompletionsArgs),
     /// Write man pages, one for each command
     #[command(after_help = "Example:\n  unwater man man1")]
@@ -347,7 +360,8 @@ pub struct EstimateOptions {
     /// Whether attenuation may change along the log
     #[arg(long, value_enum, value_name = "WHEN")]
     pub drift: Option<Switch>,
-    /// Standard deviation of attenuation that is enough [1/m]; pass one takes more frames until then
+    /// Standard deviation of attenuation that is enough [1/m]; pass one takes more frames until
+    /// then
     #[arg(long, value_name = "STD")]
     pub precision: Option<f64>,
     /// Frames that pass one looks at, at most
@@ -365,7 +379,8 @@ pub struct RenderOptions {
     /// Undo lens distortion as well
     #[arg(long)]
     pub rectify: bool,
-    /// Add a picture of bits beside each corrected one: clipped, gain capped, off the surface, unseen beam
+    /// Add a picture of bits beside each corrected one: clipped, gain capped, off the surface,
+    /// unseen beam
     #[arg(long)]
     pub mask: bool,
     /// Container of corrected images
@@ -405,9 +420,12 @@ fn moment(word: &str) -> std::result::Result<u64, String> {
     if let Ok(nanos) = word.parse() {
         return Ok(nanos);
     }
-    let time =
-        humantime::parse_rfc3339_weak(word).map_err(|_not_a_time| format!("{word:?} is neither nanoseconds nor RFC 3339 (2026-05-01T10:00:00Z)"))?;
-    let since = time.duration_since(std::time::UNIX_EPOCH).map_err(|_early| format!("{word:?} lies before 1970"))?;
+    let time = humantime::parse_rfc3339_weak(word).map_err(|_not_a_time| {
+        format!("{word:?} is neither nanoseconds nor RFC 3339 (2026-05-01T10:00:00Z)")
+    })?;
+    let since = time
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_err(|_early| format!("{word:?} lies before 1970"))?;
     u64::try_from(since.as_nanos()).map_err(|_late| format!("{word:?} is too far off"))
 }
 
@@ -417,7 +435,11 @@ fn window(start: Option<u64>, end: Option<u64>) -> Result<Option<Window>> {
         return Ok(None);
     }
     let window = Window { start: start.unwrap_or(0), end: end.unwrap_or(u64::MAX) };
-    if window.start >= window.end { Err(Error::Usage("-S must lie before -E".into())) } else { Ok(Some(window)) }
+    if window.start >= window.end {
+        Err(Error::Usage("-S must lie before -E".into()))
+    } else {
+        Ok(Some(window))
+    }
 }
 
 impl Shared {
@@ -426,17 +448,30 @@ impl Shared {
     /// # Errors
     /// A file cannot be read, or says what cannot be meant.
     pub fn options(&self, estimate: &EstimateOptions, render: &RenderOptions) -> Result<Options> {
-        let read = |path: &PathBuf| std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source });
+        let read = |path: &PathBuf| {
+            std::fs::read_to_string(path)
+                .map_err(|source| Error::Read { path: path.clone(), source })
+        };
         let mut config = match &self.config {
             None => Config::default(),
-            Some(path) => Config::from_toml(&read(path)?).map_err(|reason| Error::BadFile { path: path.clone(), what: "a setting", reason })?,
+            Some(path) => Config::from_toml(&read(path)?).map_err(|reason| Error::BadFile {
+                path: path.clone(),
+                what: "a setting",
+                reason,
+            })?,
         };
         let rig = match &self.rig {
             None => RigFile::default(),
             Some(path) => {
-                let known = "camera dvl strobe width height fx fy cx cy distortion_model distortion horizontal_field_of_view_deg mount beams janus_angle_deg azimuths_deg sound_speed_ratio ranges min_range_m max_range_m bad_values topic path valid_path unit_m medium vignetting flat_field response full_well_e read_noise_e time_offset_s translation_m rotation_xyzw roll_pitch_yaw_deg";
+                let known = "camera dvl strobe width height fx fy cx cy distortion_model \
+                             distortion horizontal_field_of_view_deg mount beams janus_angle_deg \
+                             azimuths_deg sound_speed_ratio ranges min_range_m max_range_m \
+                             bad_values topic path valid_path unit_m medium vignetting flat_field \
+                             response full_well_e read_noise_e time_offset_s translation_m \
+                             rotation_xyzw roll_pitch_yaw_deg";
                 let bad = |reason| Error::BadFile { path: path.clone(), what: "a fact", reason };
-                let rig: RigFile = toml::from_str(&read(path)?).map_err(|e| bad(with_nearest_key(&e, known.split(' '))))?;
+                let rig: RigFile = toml::from_str(&read(path)?)
+                    .map_err(|e| bad(with_nearest_key(&e, known.split(' '))))?;
                 rig.ensure_valid().map_err(bad)?;
                 rig
             }
@@ -468,7 +503,11 @@ impl Shared {
         }
         config.ensure_valid().map_err(Error::Usage)?;
         let window = window(self.start, self.end)?;
-        let selection = Selection { camera: self.camera.clone(), dvl: self.dvl.clone(), strobe_frame: self.strobe_frame.clone() };
+        let selection = Selection {
+            camera: self.camera.clone(),
+            dvl: self.dvl.clone(),
+            strobe_frame: self.strobe_frame.clone(),
+        };
         Ok(Options { config, rig, selection, window, threads: self.threads, force: self.force })
     }
 }

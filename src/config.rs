@@ -1,8 +1,8 @@
 //! Every number that is a *choice*, in one place, with its unit, its reason and its default.
 //!
-//! Said → meant in two steps: words on the command line and a TOML file become a [`Config`], valid and
-//! complete. Facts about the vehicle are not here but in the rig. `unwater config` prints [`SETTINGS`]
-//! beside the effective values; what it prints can be given back with `--config`.
+//! Said → meant in two steps: words on the command line and a TOML file become a [`Config`], valid
+//! and complete. Facts about the vehicle are not here but in the rig. `unwater config` prints
+//! [`SETTINGS`] beside the effective values; what it prints can be given back with `--config`.
 
 mod file;
 mod settings;
@@ -55,7 +55,14 @@ pub struct SeafloorConfig {
 
 impl Default for SeafloorConfig {
     fn default() -> Self {
-        Self { pings_each_side: 8, ping_window_s: 1.25, max_ping_gap_s: 1.0, max_attitude_gap_s: 0.5, least_altitude_m: 0.2, relief: Switch::Auto }
+        Self {
+            pings_each_side: 8,
+            ping_window_s: 1.25,
+            max_ping_gap_s: 1.0,
+            max_attitude_gap_s: 0.5,
+            least_altitude_m: 0.2,
+            relief: Switch::Auto,
+        }
     }
 }
 
@@ -322,7 +329,8 @@ impl Default for RenderConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Compression {
-    /// chunks of the input as they are; of those written anew, none for pictures that are files (JPEG, PNG, WebP), zstd for all else
+    /// chunks of the input as they are; of those written anew, none for pictures that are files
+    /// (JPEG, PNG, WebP), zstd for all else
     #[default]
     Auto,
     /// small
@@ -337,7 +345,8 @@ pub enum Compression {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutputEncoding {
-    /// protobuf where the camera's channel is, CDR elsewhere: rerun shows no ROS 1, and of JSON no more than bytes
+    /// protobuf where the camera's channel is, CDR elsewhere: rerun shows no ROS 1, and of JSON no
+    /// more than bytes
     #[default]
     Auto,
     /// ROS 2: `cdr` with `ros2msg` schemas

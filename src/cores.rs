@@ -1,9 +1,10 @@
 //! The only place with threads: items in, work on all cores, results out in the order of the items.
 //!
-//! A stage pulls its items, keeps so many of them under way, and gives out the oldest when it is done. So what comes out
-//! does not depend on the number of threads, one slow item holds up the others no longer than the window lasts,
-//! and memory holds one window. Stages stand one behind the other: the items of one are the results of another.
-//! All of it is driven by the thread that takes the last results; on one core it also does the work.
+//! A stage pulls its items, keeps so many of them under way, and gives out the oldest when it is
+//! done. So what comes out does not depend on the number of threads, one slow item holds up the
+//! others no longer than the window lasts, and memory holds one window. Stages stand one behind the
+//! other: the items of one are the results of another. All of it is driven by the thread that takes
+//! the last results; on one core it also does the work.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -16,7 +17,10 @@ pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Ve
 }
 
 /// Two things side by side, on the same cores.
-pub fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+pub fn both<A: Send, B: Send>(
+    a: impl FnOnce() -> A + Send,
+    b: impl FnOnce() -> B + Send,
+) -> (A, B) {
     rayon::join(a, b)
 }
 
@@ -29,7 +33,8 @@ impl Threads {
         let all = || std::thread::available_parallelism().map_or(1, usize::from);
         let count = if count == 0 { all() } else { count };
         // A pool fails only where the system gives no more threads: the caller's own is left.
-        let pool = (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count).build().ok());
+        let pool =
+            (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count).build().ok());
         Self(pool.flatten())
     }
 
@@ -38,7 +43,8 @@ impl Threads {
         self.0.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
     }
 
-    /// Runs what parts its own work by [`each`] and [`both`], as the joint solve does, on these cores and no others.
+    /// Runs what parts its own work by [`each`] and [`both`], as the joint solve does, on these
+    /// cores and no others.
     pub fn within<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
         match &self.0 {
             Some(pool) => pool.install(act),
@@ -59,7 +65,11 @@ impl Threads {
     }
 
     /// Does one thing beside another, where there is a core for it.
-    pub fn beside<A: Send, B>(&self, aside: impl FnOnce() -> A + Send, act: impl FnOnce() -> B) -> (A, B) {
+    pub fn beside<A: Send, B>(
+        &self,
+        aside: impl FnOnce() -> A + Send,
+        act: impl FnOnce() -> B,
+    ) -> (A, B) {
         let Some(pool) = &self.0 else {
             let done = act();
             return (aside(), done);
@@ -88,16 +98,28 @@ pub enum Job<T, R> {
 }
 
 impl<'l, 'scope> Lanes<'l, 'scope> {
-    /// Results of `work`, in the order of the items. Items are under way together as long as they weigh less than
-    /// `window`, one at least.
-    pub fn in_order<T, R, W>(&self, items: impl Iterator<Item = (usize, Job<T, R>)>, window: usize, work: &'scope W) -> impl Iterator<Item = R>
+    /// Results of `work`, in the order of the items. Items are under way together as long as they
+    /// weigh less than `window`, one at least.
+    pub fn in_order<T, R, W>(
+        &self,
+        items: impl Iterator<Item = (usize, Job<T, R>)>,
+        window: usize,
+        work: &'scope W,
+    ) -> impl Iterator<Item = R>
     where
         T: Send + 'scope,
         R: Send + 'scope,
         W: Fn(T) -> R + Sync,
     {
         let window = if self.0.is_some() { window } else { 0 };
-        InOrder { scope: self.0, items: items.fuse(), window, under_way: VecDeque::new(), weight: 0, work }
+        InOrder {
+            scope: self.0,
+            items: items.fuse(),
+            window,
+            under_way: VecDeque::new(),
+            weight: 0,
+            work,
+        }
     }
 }
 
@@ -153,8 +175,8 @@ where
     }
 }
 
-/// Runs `work` over `items`, of which as many are under way as weigh `window` (each weighs `weigh`), and hands the
-/// results to `sink` in order. The first error of the sink ends the run.
+/// Runs `work` over `items`, of which as many are under way as weigh `window` (each weighs
+/// `weigh`), and hands the results to `sink` in order. The first error of the sink ends the run.
 pub fn ordered_map<T: Send, R: Send, E>(
     items: impl Iterator<Item = T>,
     window: usize,
@@ -163,7 +185,11 @@ pub fn ordered_map<T: Send, R: Send, E>(
     work: impl Fn(T) -> R + Sync,
     sink: impl FnMut(R) -> Result<(), E>,
 ) -> Result<(), E> {
-    threads.lanes(|lanes| lanes.in_order(items.map(|item| (weigh(&item), Job::Work(item))), window, &work).try_for_each(sink))
+    threads.lanes(|lanes| {
+        lanes
+            .in_order(items.map(|item| (weigh(&item), Job::Work(item))), window, &work)
+            .try_for_each(sink)
+    })
 }
 
 #[cfg(test)]
@@ -209,7 +235,10 @@ mod tests {
         let most = AtomicUsize::new(0);
         let threads = Threads::new(2);
         let work = |i: usize| {
-            most.fetch_max(begun.fetch_add(1, Ordering::SeqCst) + 1 - seen.load(Ordering::SeqCst), Ordering::SeqCst);
+            most.fetch_max(
+                begun.fetch_add(1, Ordering::SeqCst) + 1 - seen.load(Ordering::SeqCst),
+                Ordering::SeqCst,
+            );
             if i == 10 {
                 // The first of its window waits for all that may overtake it.
                 let started = std::time::Instant::now();
@@ -244,7 +273,8 @@ mod tests {
         for threads in [Threads::new(1), Threads::new(4)] {
             let out: Vec<u32> = threads.lanes(|lanes| {
                 let first = lanes.in_order((0..100).map(|i| (1, Job::Work(i))), 5, &double);
-                let second = first.map(|i| (1, if i % 4 == 0 { Job::Done(i) } else { Job::Work(i) }));
+                let second =
+                    first.map(|i| (1, if i % 4 == 0 { Job::Done(i) } else { Job::Work(i) }));
                 lanes.in_order(second, 3, &add).collect()
             });
             assert_eq!(out, (0..100).map(|i| i * 2 + i % 2).collect::<Vec<_>>());

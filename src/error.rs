@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-/// Why a command could not be carried out. A *frame* that cannot be corrected is no error: it passes through and is counted.
+/// Why a command could not be carried out. A *frame* that cannot be corrected is no error: it
+/// passes through and is counted.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs)] // the sentences say it
 pub enum Error {
@@ -23,11 +24,16 @@ pub enum Error {
     #[error("{what} in {path}: {reason}")]
     BadFile { path: PathBuf, what: &'static str, reason: String },
     #[error(
-        "the log has no camera images that can be read; it has {seen}. unwater needs pictures shaped like sensor_msgs/Image, sensor_msgs/CompressedImage, foxglove.RawImage or foxglove.CompressedImage, in CDR, ROS 1, protobuf or JSON"
+        "the log has no camera images that can be read; it has {seen}. unwater needs pictures \
+         shaped like sensor_msgs/Image, sensor_msgs/CompressedImage, foxglove.RawImage or \
+         foxglove.CompressedImage, in CDR, ROS 1, protobuf or JSON"
     )]
     NoCamera { seen: String },
     #[error(
-        "{topic} holds {codec} video, not pictures, and a picture of it needs those before it; turn it into pictures first: `python3 examples/video_to_pictures.py IN.mcap OUT.mcap`, or in ROS 2 replay it through `ros2 run image_transport republish` (from ffmpeg or foxglove, to compressed) and record it anew"
+        "{topic} holds {codec} video, not pictures, and a picture of it needs those before it; \
+         turn it into pictures first: `python3 examples/video_to_pictures.py IN.mcap OUT.mcap`, \
+         or in ROS 2 replay it through `ros2 run image_transport republish` (from ffmpeg or \
+         foxglove, to compressed) and record it anew"
     )]
     Video { topic: String, codec: String },
     #[error("the log has {} cameras: {}; say which with --camera TOPIC", topics.len(), topics.join(", "))]
@@ -35,15 +41,20 @@ pub enum Error {
     #[error("there is no {what} on topic {topic:?}; the log has {seen}")]
     NoSuchTopic { what: &'static str, topic: String, seen: String },
     #[error(
-        "the log has no DVL or altimeter that can be read; it has {seen}. unwater needs ranges to the seafloor: name their topic with --dvl TOPIC"
+        "the log has no DVL or altimeter that can be read; it has {seen}. unwater needs ranges to \
+         the seafloor: name their topic with --dvl TOPIC"
     )]
     NoRanges { seen: String },
     #[error(
-        "the log has no calibration for {topic}; write one into a rig file: `unwater init IN.mcap -o rig.toml`, fill in camera.fx or camera.horizontal_field_of_view_deg, then add --rig rig.toml"
+        "the log has no calibration for {topic}; write one into a rig file: `unwater init IN.mcap \
+         -o rig.toml`, fill in camera.fx or camera.horizontal_field_of_view_deg, then add --rig \
+         rig.toml"
     )]
     NoCalibration { topic: String },
     #[error(
-        "where the {what} sits is not known: no transform joins its frame {frame:?} to the camera's frame {camera_frame:?} in the log's TF tree; write it into a rig file: `unwater init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml"
+        "where the {what} sits is not known: no transform joins its frame {frame:?} to the \
+         camera's frame {camera_frame:?} in the log's TF tree; write it into a rig file: `unwater \
+         init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml"
     )]
     NoMount { what: &'static str, frame: String, camera_frame: String, section: &'static str },
     #[error("{0}")]

@@ -1,7 +1,8 @@
-//! Coordinate spaces as types: a point of one space cannot be used in another without its transform.
+//! Coordinate spaces as types: a point of one space cannot be used in another without its
+//! transform.
 //!
-//! All spaces are right-handed, in metres. "Frame" always means a picture here; coordinates live in a
-//! *space*. Transforms read `to_from`: `hit_in_body = body_from_dvl * hit_in_dvl`.
+//! All spaces are right-handed, in metres. "Frame" always means a picture here; coordinates live in
+//! a *space*. Transforms read `to_from`: `hit_in_body = body_from_dvl * hit_in_dvl`.
 //!
 //! ```
 //! use unwater::spaces::{Body, Dvl, Point, Transform};
@@ -91,8 +92,15 @@ impl<To, From> Transform<To, From> {
     /// Translation [m] and quaternion x, y, z, w as ROS writes them; the quaternion is normalised.
     pub fn from_parts(translation_m: [f64; 3], xyzw: [f64; 4]) -> Self {
         let q = Quaternion::new(xyzw[3], xyzw[0], xyzw[1], xyzw[2]);
-        let rotation = if q.norm() > 1e-9 { UnitQuaternion::from_quaternion(q) } else { UnitQuaternion::identity() };
-        Self(Isometry3::from_parts(Translation3::from(Vector3::from(translation_m)), rotation), PhantomData)
+        let rotation = if q.norm() > 1e-9 {
+            UnitQuaternion::from_quaternion(q)
+        } else {
+            UnitQuaternion::identity()
+        };
+        Self(
+            Isometry3::from_parts(Translation3::from(Vector3::from(translation_m)), rotation),
+            PhantomData,
+        )
     }
     /// The two spaces coincide.
     pub fn identity() -> Self {

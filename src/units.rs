@@ -1,8 +1,8 @@
 //! Lengths and times that must not be confused.
 //!
-//! A slant range lies along a sonar beam, an altitude along the seafloor's normal: both are metres, and
-//! taking one for the other is an error of 8 to 15 % that goes straight into the attenuation. Times are
-//! integer nanoseconds, as in the log; only differences become floating point.
+//! A slant range lies along a sonar beam, an altitude along the seafloor's normal: both are metres,
+//! and taking one for the other is an error of 8 to 15 % that goes straight into the attenuation.
+//! Times are integer nanoseconds, as in the log; only differences become floating point.
 
 /// A moment on the recording's clock [ns since its epoch, normally Unix].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]

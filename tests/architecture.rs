@@ -45,14 +45,29 @@ fn imports_point_down_only() {
     let mut wrong = Vec::new();
     for file in &files {
         let inside = file.strip_prefix("src").expect("in src");
-        let room = inside.components().next().expect("a room").as_os_str().to_string_lossy().trim_end_matches(".rs").to_string();
+        let room = inside
+            .components()
+            .next()
+            .expect("a room")
+            .as_os_str()
+            .to_string_lossy()
+            .trim_end_matches(".rs")
+            .to_string();
         let Some(own) = floors.get(&room) else { continue };
         let text = std::fs::read_to_string(file).expect("a source");
-        for (number, line) in text.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with("//")) {
+        for (number, line) in
+            text.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with("//"))
+        {
             for used in line.split("crate::").skip(1) {
-                let used: String = used.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
-                if let Some(floor) = floors.get(&used).filter(|floor| used != room && *floor >= own) {
-                    wrong.push(format!("{}:{}: {room} (floor {own}) uses {used} (floor {floor})", file.display(), number + 1));
+                let used: String =
+                    used.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                if let Some(floor) = floors.get(&used).filter(|floor| used != room && *floor >= own)
+                {
+                    wrong.push(format!(
+                        "{}:{}: {room} (floor {own}) uses {used} (floor {floor})",
+                        file.display(),
+                        number + 1
+                    ));
                 }
             }
         }
@@ -63,9 +78,17 @@ fn imports_point_down_only() {
 fn files_naming(word: &str) -> Vec<String> {
     let mut files = Vec::new();
     sources(Path::new("src"), &mut files);
-    let names =
-        |path: &PathBuf| std::fs::read_to_string(path).expect("a source").lines().any(|l| !l.trim_start().starts_with("//") && l.contains(word));
-    let mut found: Vec<String> = files.iter().filter(|f| names(f)).map(|f| f.display().to_string().replace('\\', "/")).collect();
+    let names = |path: &PathBuf| {
+        std::fs::read_to_string(path)
+            .expect("a source")
+            .lines()
+            .any(|l| !l.trim_start().starts_with("//") && l.contains(word))
+    };
+    let mut found: Vec<String> = files
+        .iter()
+        .filter(|f| names(f))
+        .map(|f| f.display().to_string().replace('\\', "/"))
+        .collect();
     found.sort();
     found
 }
@@ -75,5 +98,9 @@ fn threads_live_in_one_file_and_the_container_in_one_room() {
     assert_eq!(files_naming("rayon::"), ["src/cores.rs"]);
     let of_container = files_naming("mcap::");
     assert!(of_container.iter().all(|file| file.starts_with("src/recording/")), "{of_container:?}");
-    assert_eq!(files_naming("HashMap"), Vec::<String>::new(), "nothing that reaches the output may depend on a hash order");
+    assert_eq!(
+        files_naming("HashMap"),
+        Vec::<String>::new(),
+        "nothing that reaches the output may depend on a hash order"
+    );
 }

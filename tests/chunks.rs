@@ -1,5 +1,6 @@
-//! Chunks: those with nothing to leave out go through as they are, others lose nothing either, and only those are read
-//! that are needed. What is written is read by the mcap crate here, which shares no code with the writer.
+//! Chunks: those with nothing to leave out go through as they are, others lose nothing either, and
+//! only those are read that are needed. What is written is read by the mcap crate here, which
+//! shares no code with the writer.
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -22,7 +23,8 @@ fn dive() -> &'static (tempfile::TempDir, PathBuf, ModelFile) {
     DIVE.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("dive.mcap");
-        Dive { frames: 12, width: 192, height: 144, focal_px: 220.0, ..Dive::default() }.write(&path);
+        Dive { frames: 12, width: 192, height: 144, focal_px: 220.0, ..Dive::default() }
+            .write(&path);
         let (model, _) = estimate_logs(&[&path], &Options::default(), &Silent).unwrap();
         (folder, path, model)
     })
@@ -31,12 +33,17 @@ fn dive() -> &'static (tempfile::TempDir, PathBuf, ModelFile) {
 /// The dive, so many times one after the other, written so.
 fn written(target: &Path, options: mcap::WriteOptions, times: u64) {
     let recording = Recording::open(&dive().1).unwrap();
-    let mut writer = options.profile("ros2").create(std::io::BufWriter::new(std::fs::File::create(target).unwrap())).unwrap();
+    let mut writer = options
+        .profile("ros2")
+        .create(std::io::BufWriter::new(std::fs::File::create(target).unwrap()))
+        .unwrap();
     for (id, s) in &recording.schemas {
         writer.add_schema_with_id(*id, &s.name, &s.encoding, &s.data).unwrap();
     }
     for (id, c) in &recording.channels {
-        writer.add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata).unwrap();
+        writer
+            .add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata)
+            .unwrap();
     }
     writer.add_channel_with_id(900, 0, "/note", "json", &BTreeMap::new()).unwrap();
     for n in 0..times {
@@ -47,11 +54,19 @@ fn written(target: &Path, options: mcap::WriteOptions, times: u64) {
             }
             let later = n * 60_000_000_000;
             let (log_time, publish_time) = (m.log_time + later, m.publish_time + later);
-            let mut header = mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence + 3, log_time, publish_time };
+            let mut header = mcap::records::MessageHeader {
+                channel_id: m.channel,
+                sequence: m.sequence + 3,
+                log_time,
+                publish_time,
+            };
             writer.write_to_known_channel(&header, m.data()).unwrap();
             // Times that go back and forth, and one number for all.
-            (header.channel_id, header.sequence, header.log_time) = (900, 7, log_time - log_time % 3);
-            writer.write_to_known_channel(&header, format!("{{\"at\": {log_time}}}").as_bytes()).unwrap();
+            (header.channel_id, header.sequence, header.log_time) =
+                (900, 7, log_time - log_time % 3);
+            writer
+                .write_to_known_channel(&header, format!("{{\"at\": {log_time}}}").as_bytes())
+                .unwrap();
         }
     }
     writer.finish().unwrap();
@@ -59,12 +74,18 @@ fn written(target: &Path, options: mcap::WriteOptions, times: u64) {
 
 type Kept = BTreeMap<u16, Vec<(u32, u64, u64, Vec<u8>)>>;
 
-/// Messages by channel in the order of the file, by a reader that does not seek and checks every checksum.
+/// Messages by channel in the order of the file, by a reader that does not seek and checks every
+/// checksum.
 fn streamed(bytes: &[u8]) -> Kept {
     let mut kept = Kept::new();
     for message in mcap::MessageStream::new(bytes).unwrap() {
         let m = message.unwrap();
-        kept.entry(m.channel.id).or_default().push((m.sequence, m.log_time, m.publish_time, m.data.into_owned()));
+        kept.entry(m.channel.id).or_default().push((
+            m.sequence,
+            m.log_time,
+            m.publish_time,
+            m.data.into_owned(),
+        ));
     }
     kept
 }
@@ -86,7 +107,8 @@ fn ensure_sound(bytes: &[u8]) {
     let mut count = 0;
     for index in &summary.chunk_indexes {
         let (mut first, mut last) = (u64::MAX, 0);
-        let indexes: Vec<_> = summary.read_message_indexes(bytes, index).unwrap().into_iter().collect();
+        let indexes: Vec<_> =
+            summary.read_message_indexes(bytes, index).unwrap().into_iter().collect();
         for (channel, entries) in indexes {
             for entry in entries {
                 let message = summary.seek_message(bytes, index, &entry).unwrap();
@@ -98,12 +120,16 @@ fn ensure_sound(bytes: &[u8]) {
         assert_eq!((first, last), (index.message_start_time, index.message_end_time));
     }
     let streamed = streamed(bytes);
-    assert_eq!((count, statistics.message_count), (statistics.message_count, streamed.values().map(|m| m.len() as u64).sum()));
+    assert_eq!(
+        (count, statistics.message_count),
+        (statistics.message_count, streamed.values().map(|m| m.len() as u64).sum())
+    );
     for (channel, messages) in &streamed {
         assert_eq!(statistics.channel_message_counts.get(channel), Some(&(messages.len() as u64)));
     }
     assert_eq!(statistics.chunk_count as usize, summary.chunk_indexes.len());
-    // Checksums of data and summary: of all up to the record, and from the summary to the last number of the footer.
+    // Checksums of data and summary: of all up to the record, and from the summary to the last
+    // number of the footer.
     let footer = mcap::read::footer(bytes).unwrap();
     let (start, end) = (footer.summary_start as usize, bytes.len() - 8 - 4);
     assert_eq!(crc32(&bytes[start..end]), footer.summary_crc);
@@ -146,7 +172,10 @@ fn chunks_go_through_byte_for_byte_and_in_order() {
         let (before, after) = (raw_chunks(&input), raw_chunks(&output));
         assert!(before.len() > 4);
         let mut rest = after.iter();
-        assert!(before.iter().all(|chunk| rest.any(|c| c == chunk)), "all chunks of the input, in their order");
+        assert!(
+            before.iter().all(|chunk| rest.any(|c| c == chunk)),
+            "all chunks of the input, in their order"
+        );
         let (kept, all) = (streamed(&input), streamed(&output));
         assert!(kept.iter().all(|(channel, messages)| all[channel] == *messages));
     }
@@ -156,10 +185,16 @@ fn chunks_go_through_byte_for_byte_and_in_order() {
 fn what_is_written_anew_loses_nothing_either() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
-    let lz4 = || mcap::WriteOptions::new().chunk_size(Some(1 << 17)).compression(Some(mcap::Compression::Lz4));
+    let lz4 = || {
+        mcap::WriteOptions::new()
+            .chunk_size(Some(1 << 17))
+            .compression(Some(mcap::Compression::Lz4))
+    };
     let mut zstd = Options::default();
     zstd.config.output.compression = Compression::Zstd;
-    for (options, run) in [(mcap::WriteOptions::new().use_chunks(false), Options::default()), (lz4(), zstd)] {
+    for (options, run) in
+        [(mcap::WriteOptions::new().use_chunks(false), Options::default()), (lz4(), zstd)]
+    {
         written(&path, options, 1);
         let input = std::fs::read(&path).unwrap();
         let output = corrected(&path, &run);
@@ -167,7 +202,8 @@ fn what_is_written_anew_loses_nothing_either() {
         assert!(kept.iter().all(|(channel, messages)| all[channel] == *messages));
         assert!(raw_chunks(&output).iter().all(|(header, _)| header.compression != "lz4"));
     }
-    // Leaving out the pictures leaves all else, in its order, also where only some chunks hold pictures.
+    // Leaving out the pictures leaves all else, in its order, also where only some chunks hold
+    // pictures.
     written(&path, lz4().chunk_size(Some(4096)), 1);
     let mut dropping = Options::default();
     dropping.config.output.drop_raw = true;
@@ -176,7 +212,10 @@ fn what_is_written_anew_loses_nothing_either() {
     let output = corrected(&path, &dropping);
     let (mut kept, all) = (streamed(&input), streamed(&output));
     assert_eq!(kept.remove(&camera).map(|m| m.len()), Some(12));
-    assert!(!all.contains_key(&camera) && kept.iter().all(|(channel, messages)| all[channel] == *messages));
+    assert!(
+        !all.contains_key(&camera)
+            && kept.iter().all(|(channel, messages)| all[channel] == *messages)
+    );
     let (before, after) = (raw_chunks(&input), raw_chunks(&output));
     let through = before.iter().filter(|chunk| after.contains(chunk)).count();
     assert!(through > 4 && through < before.len(), "{through} of {} go through", before.len());
@@ -198,21 +237,33 @@ fn a_declaration_that_contradicts_another_does_not_come_through() {
     let kept = Recording::open(&path).unwrap().channels[&900].topic.clone();
     assert_eq!(kept, "/note", "the summary's");
     let output = corrected(&path, &Options::default());
-    assert!(raw_chunks(&output).iter().all(|(header, _)| header.uncompressed_crc != 0), "the chunk was written anew");
+    assert!(
+        raw_chunks(&output).iter().all(|(header, _)| header.uncompressed_crc != 0),
+        "the chunk was written anew"
+    );
 }
 
 #[test]
 fn pictures_that_are_files_are_not_compressed_again_and_all_else_is() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
-    written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)).compression(Some(mcap::Compression::Lz4)), 1);
+    written(
+        &path,
+        mcap::WriteOptions::new()
+            .chunk_size(Some(1 << 17))
+            .compression(Some(mcap::Compression::Lz4)),
+        1,
+    );
     // Beside pictures this small, the seafloor's points would be most of a chunk.
     let mut files = Options::default();
     (files.config.output.seafloor_points_across, files.config.output.raw_preview_side_px) = (0, 0);
     let mut raw = files.clone();
     raw.config.render.image_format = unwater::config::ImageFormat::Raw;
     for (options, wanted) in [(files, ""), (raw, "zstd")] {
-        let ours = raw_chunks(&corrected(&path, &options)).into_iter().map(|(header, _)| header.compression).filter(|c| c != "lz4");
+        let ours = raw_chunks(&corrected(&path, &options))
+            .into_iter()
+            .map(|(header, _)| header.compression)
+            .filter(|c| c != "lz4");
         let ours: Vec<String> = ours.collect();
         assert!(!ours.is_empty() && ours.iter().all(|c| c == wanted), "{ours:?}");
     }
@@ -224,7 +275,12 @@ fn a_cut_reads_only_the_chunks_it_needs() {
     let path = folder.path().join("long.mcap");
     written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)), 20);
     let recording = Recording::open(&path).unwrap();
-    assert!(recording.bytes_read() < recording.length() / 20, "the index: {} of {}", recording.bytes_read(), recording.length());
+    assert!(
+        recording.bytes_read() < recording.length() / 20,
+        "the index: {} of {}",
+        recording.bytes_read(),
+        recording.length()
+    );
     let log_time = |e: Entry| if let Entry::Message(m) = e { m.log_time } else { 0 };
     let start = recording.messages(Window::ALL).next().map(log_time).unwrap() + 10 * 60_000_000_000;
     let window = Window { start, end: start + 60_000_000_000 };
@@ -233,7 +289,10 @@ fn a_cut_reads_only_the_chunks_it_needs() {
     // A twentieth is in the window; the first of every channel lies in the first chunks.
     let share = whole.bytes_read() as f64 / whole.length() as f64;
     assert!(share < 0.15, "{share}");
-    assert!(scanned.channels.values().any(|c| c.camera.is_some()) && scanned.channels.values().any(|c| !c.edges.is_empty()));
+    assert!(
+        scanned.channels.values().any(|c| c.camera.is_some())
+            && scanned.channels.values().any(|c| !c.edges.is_empty())
+    );
     assert_eq!(scanned.channels.values().map(|c| c.frames.len()).sum::<usize>(), 12);
 }
 
@@ -246,7 +305,10 @@ fn a_log_that_becomes_shorter_while_it_is_read_is_a_sentence() {
     let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
     file.set_len(recording.length() / 2).unwrap();
     for threads in [1, 2] {
-        let error = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(threads)).err().expect("an error").to_string();
+        let error = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(threads))
+            .err()
+            .expect("an error")
+            .to_string();
         assert!(error.contains("became shorter"), "{error}");
     }
     assert!(recording.sha256().is_err());

@@ -27,7 +27,15 @@ fn look(path: &Path, moved: &[(&str, f64)]) -> (ClockOffsets, Vec<String>) {
 fn offsets_are_found_and_none_is_made_up() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dive.mcap");
-    Dive { frames: 48, width: 256, height: 192, focal_px: 310.0, sensor: Sensor::Mono16, ..Dive::default() }.write(&path);
+    Dive {
+        frames: 48,
+        width: 256,
+        height: 192,
+        focal_px: 310.0,
+        sensor: Sensor::Mono16,
+        ..Dive::default()
+    }
+    .write(&path);
     for by in [0.0, 0.3, -0.3, 1.5, -1.5] {
         let (found, said) = look(&path, &[(DVL, by)]);
         println!("pings {by:+} s: {found:?}");
@@ -54,11 +62,22 @@ fn offsets_are_found_and_none_is_made_up() {
 fn a_vehicle_that_holds_its_height_tells_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("level.mcap");
-    let dive = Dive { frames: 30, width: 256, height: 192, focal_px: 310.0, sensor: Sensor::Mono16, ..Dive::default() };
+    let dive = Dive {
+        frames: 30,
+        width: 256,
+        height: 192,
+        focal_px: 310.0,
+        sensor: Sensor::Mono16,
+        ..Dive::default()
+    };
     Dive { altitude_m: (2.0, 2.0), tilt_deg: 0.0, with_imu: false, ..dive }.write(&path);
     for by in [0.0, 0.3, -1.5] {
         let (found, said) = look(&path, &[(DVL, by)]);
-        assert!(matches!(found.ranges, Told::CannotTell(_)) && matches!(found.attitude, Told::CannotTell(_)), "{by}: {found:?}");
+        assert!(
+            matches!(found.ranges, Told::CannotTell(_))
+                && matches!(found.attitude, Told::CannotTell(_)),
+            "{by}: {found:?}"
+        );
         assert!(said.iter().all(|s| s.contains("cannot tell")), "{said:?}");
     }
 }

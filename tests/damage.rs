@@ -1,4 +1,5 @@
-//! Logs that are odd, large or broken in one way each: what `inspect` says of them, and that they are read.
+//! Logs that are odd, large or broken in one way each: what `inspect` says of them, and that they
+//! are read.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -14,14 +15,26 @@ const NUMBER: &[u8] = b"float64 data\n";
 
 /// A log of so many channels of bare altitudes and rounds of messages over them.
 fn log(path: &Path, options: mcap::WriteOptions, channels: u16, rounds: u32) {
-    let mut writer = options.profile("ros2").create(std::io::BufWriter::new(std::fs::File::create(path).unwrap())).unwrap();
+    let mut writer = options
+        .profile("ros2")
+        .create(std::io::BufWriter::new(std::fs::File::create(path).unwrap()))
+        .unwrap();
     let schema = writer.add_schema("std_msgs/msg/Float64", "ros2msg", NUMBER).unwrap();
-    let ids: Vec<u16> = (0..channels).map(|n| writer.add_channel(schema, &format!("/n{n}/altitude"), "cdr", &BTreeMap::new()).unwrap()).collect();
+    let ids: Vec<u16> = (0..channels)
+        .map(|n| {
+            writer.add_channel(schema, &format!("/n{n}/altitude"), "cdr", &BTreeMap::new()).unwrap()
+        })
+        .collect();
     let body = [&[0, 1, 0, 0][..], &2.5f64.to_le_bytes()].concat();
     for round in 0..rounds {
         for id in &ids {
             let time = 1_000_000_000 + u64::from(round);
-            let header = mcap::records::MessageHeader { channel_id: *id, sequence: round, log_time: time, publish_time: time };
+            let header = mcap::records::MessageHeader {
+                channel_id: *id,
+                sequence: round,
+                log_time: time,
+                publish_time: time,
+            };
             writer.write_to_known_channel(&header, &body).unwrap();
         }
     }
@@ -42,11 +55,18 @@ fn many_chunks_and_many_channels() {
     let path = folder.path().join("chunks.mcap");
     log(&path, mcap::WriteOptions::new().chunk_size(Some(1)), 1, 400);
     let recording = Recording::open(&path).unwrap();
-    assert!(recording.chunk_count() >= 400 && recording.messages(Window::ALL).count() == 400, "{} chunks", recording.chunk_count());
+    assert!(
+        recording.chunk_count() >= 400 && recording.messages(Window::ALL).count() == 400,
+        "{} chunks",
+        recording.chunk_count()
+    );
     log(&path, mcap::WriteOptions::new(), 65_000, 1);
     let recording = Recording::open(&path).unwrap();
     let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
-    assert_eq!((scanned.channels.len(), scanned.messages, scanned.damage.len()), (65_000, 65_000, 0));
+    assert_eq!(
+        (scanned.channels.len(), scanned.messages, scanned.damage.len()),
+        (65_000, 65_000, 0)
+    );
     assert!(scanned.channels.values().all(|c| c.pings.len() == 1));
 }
 
@@ -75,31 +95,53 @@ fn what_is_odd_is_told_and_what_is_not_is_not() {
 fn two_schemas_of_one_name_are_told_and_each_is_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clash.mcap");
-    let mut writer = mcap::WriteOptions::new().create(std::io::BufWriter::new(std::fs::File::create(&path).unwrap())).unwrap();
-    for (n, (definition, body)) in
-        [(NUMBER, 2.5f64.to_le_bytes().to_vec()), (b"float32 data\n", 1.5f32.to_le_bytes().to_vec())].into_iter().enumerate()
+    let mut writer = mcap::WriteOptions::new()
+        .create(std::io::BufWriter::new(std::fs::File::create(&path).unwrap()))
+        .unwrap();
+    for (n, (definition, body)) in [
+        (NUMBER, 2.5f64.to_le_bytes().to_vec()),
+        (b"float32 data\n", 1.5f32.to_le_bytes().to_vec()),
+    ]
+    .into_iter()
+    .enumerate()
     {
         writer.add_schema_with_id(1 + n as u16, "p/msg/Altitude", "ros2msg", definition).unwrap();
-        writer.add_channel_with_id(n as u16, 1 + n as u16, "/altitude", "cdr", &BTreeMap::new()).unwrap();
-        let header = mcap::records::MessageHeader { channel_id: n as u16, sequence: 0, log_time: 5, publish_time: 5 };
+        writer
+            .add_channel_with_id(n as u16, 1 + n as u16, "/altitude", "cdr", &BTreeMap::new())
+            .unwrap();
+        let header = mcap::records::MessageHeader {
+            channel_id: n as u16,
+            sequence: 0,
+            log_time: 5,
+            publish_time: 5,
+        };
         writer.write_to_known_channel(&header, &[vec![0, 1, 0, 0], body].concat()).unwrap();
     }
     writer.finish().unwrap();
     let recording = Recording::open(&path).unwrap();
     let said = recording.notes().join("\n");
-    assert!(said.contains("2 different schemas are named p/msg/Altitude") && said.contains("/altitude has 2 channels"), "{said}");
+    assert!(
+        said.contains("2 different schemas are named p/msg/Altitude")
+            && said.contains("/altitude has 2 channels"),
+        "{said}"
+    );
     let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
-    let read: Vec<f64> = scanned.channels.values().map(|c| c.pings[0].0.altitude.unwrap().0).collect();
+    let read: Vec<f64> =
+        scanned.channels.values().map(|c| c.pings[0].0.altitude.unwrap().0).collect();
     assert_eq!(read, [2.5, 1.5]);
 }
 
 #[test]
 fn a_jpeg_that_was_cut_short_is_no_picture() {
     let recording = Recording::open(&sample("compressed_jpeg.mcap")).unwrap();
-    let Some(Entry::Message(m)) = recording.messages(Window::ALL).next() else { panic!("a message") };
+    let Some(Entry::Message(m)) = recording.messages(Window::ALL).next() else {
+        panic!("a message")
+    };
     let start = m.data().windows(3).position(|w| w == [0xff, 0xd8, 0xff]).unwrap();
     let file = &m.data()[start..];
-    let whole = |data: &[u8]| decode(&EncodedImage::Compressed { format: "jpeg", data }, Light::default()).map(drop);
+    let whole = |data: &[u8]| {
+        decode(&EncodedImage::Compressed { format: "jpeg", data }, Light::default()).map(drop)
+    };
     assert_eq!(whole(file), Ok(()));
     // Some cameras pad.
     assert_eq!(whole(&[file, &[0; 64]].concat()), Ok(()));

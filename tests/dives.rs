@@ -1,5 +1,5 @@
-//! Runs on dives that are too large or not free to be in the tree: named by the variable `UNWATER_DATA`. Without it
-//! they are reported as ignored, never as passed.
+//! Runs on dives that are too large or not free to be in the tree: named by the variable
+//! `UNWATER_DATA`. Without it they are reported as ignored, never as passed.
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -15,7 +15,10 @@ use unwater::pipeline::{Options, Silent, correct};
 use unwater::recording::{Entry, Output, PackedChunk, Recording, Window};
 use unwater::report::Report;
 
-fn run(input: &Path, options: &Options) -> Result<(tempfile::TempDir, PathBuf, Report, ModelFile), Failed> {
+fn run(
+    input: &Path,
+    options: &Options,
+) -> Result<(tempfile::TempDir, PathBuf, Report, ModelFile), Failed> {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out.mcap");
     let (report, model) = correct(input, &out, None, options, &Silent)?;
@@ -23,18 +26,26 @@ fn run(input: &Path, options: &Options) -> Result<(tempfile::TempDir, PathBuf, R
 }
 
 fn rendered_a(data: &Path) -> Result<(), Failed> {
-    let (_folder, _, report, model) = run(&data.join("rendered/A/A_clear_flat_raw16.mcap"), &Options::default())?;
+    let (_folder, _, report, model) =
+        run(&data.join("rendered/A/A_clear_flat_raw16.mcap"), &Options::default())?;
     ensure(report.corrected == 48, format!("{} of 48 corrected", report.corrected))?;
     let a = &model.attenuation_per_m;
     for (is, ought) in a.iter().zip([0.45, 0.14, 0.10]) {
         ensure((is - ought).abs() < 0.01, format!("attenuation {a:?}"))?;
     }
-    ensure((a[0] - a[1] - 0.31).abs() < 0.005 && (a[1] - a[2] - 0.04).abs() < 0.005, format!("differences of {a:?}"))
+    ensure(
+        (a[0] - a[1] - 0.31).abs() < 0.005 && (a[1] - a[2] - 0.04).abs() < 0.005,
+        format!("differences of {a:?}"),
+    )
 }
 
 fn finishes(data: &Path, log: &str, frames: usize) -> Result<(), Failed> {
     let (_folder, out, report, model) = run(&data.join(log), &Options::default())?;
-    ensure(report.frames == frames && report.corrected + report.uncorrected.values().sum::<usize>() == frames, format!("{report:?}"))?;
+    ensure(
+        report.frames == frames
+            && report.corrected + report.uncorrected.values().sum::<usize>() == frames,
+        format!("{report:?}"),
+    )?;
     let physical = model.attenuation_per_m.iter().all(|a| *a > 0.0);
     ensure(physical || !model.identified, "an attenuation below 0 is not to be called identified")?;
     let recording = Recording::open(&out)?;
@@ -49,18 +60,24 @@ fn corpus(data: &Path) -> Result<(), Failed> {
         let cells: Vec<&str> = line.split('|').map(str::trim).collect();
         let path = data.join("mcap_corpus").join(cells[1]);
         let counted: Option<u64> = cells[6].parse().ok();
-        let recording = Recording::open(&path).map_err(|e| Failed::from(format!("{}: {e}", cells[1])))?;
-        let messages = recording.messages(Window::ALL).filter(|e| matches!(e, Entry::Message(_))).count() as u64;
+        let recording =
+            Recording::open(&path).map_err(|e| Failed::from(format!("{}: {e}", cells[1])))?;
+        let messages =
+            recording.messages(Window::ALL).filter(|e| matches!(e, Entry::Message(_))).count()
+                as u64;
         if let Some(counted) = counted {
-            ensure(messages == counted && recording.is_complete, format!("{}: {messages} messages, not {counted}", cells[1]))?;
+            ensure(
+                messages == counted && recording.is_complete,
+                format!("{}: {messages} messages, not {counted}", cells[1]),
+            )?;
         }
         checked += 1;
     }
     ensure(checked >= 25, format!("{checked} files"))
 }
 
-/// Every file of the corpus, written anew with its chunks as they are, is read by another reader, and says the same but for
-/// messages of channels that are declared nowhere.
+/// Every file of the corpus, written anew with its chunks as they are, is read by another reader,
+/// and says the same but for messages of channels that are declared nowhere.
 fn corpus_goes_through(data: &Path) -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out.mcap");
@@ -68,15 +85,24 @@ fn corpus_goes_through(data: &Path) -> Result<(), Failed> {
     for path in logs_below(&data.join("mcap_corpus"))? {
         through += copied(&path, &out)?;
         let (before, after) = (messages(&path)?, messages(&out)?);
-        ensure(before == after, format!("{}: {} channels, not {}", path.display(), after.len(), before.len()))?;
+        ensure(
+            before == after,
+            format!("{}: {} channels, not {}", path.display(), after.len(), before.len()),
+        )?;
         let bytes = std::fs::read(&out)?;
         let counted = mcap::MessageStream::new(&bytes)?.try_fold(0, |n, m| m.map(|_| n + 1))?;
-        ensure(counted == before.values().map(Vec::len).sum::<usize>(), format!("{}: {counted} messages", path.display()))?;
+        ensure(
+            counted == before.values().map(Vec::len).sum::<usize>(),
+            format!("{}: {counted} messages", path.display()),
+        )?;
         let summary = mcap::Summary::read(&bytes)?.ok_or("a summary")?;
         for index in &summary.chunk_indexes {
-            let indexes: Vec<_> = summary.read_message_indexes(&bytes, index)?.into_iter().collect();
+            let indexes: Vec<_> =
+                summary.read_message_indexes(&bytes, index)?.into_iter().collect();
             for (_, entries) in indexes {
-                entries.iter().try_for_each(|entry| summary.seek_message(&bytes, index, entry).map(drop))?;
+                entries
+                    .iter()
+                    .try_for_each(|entry| summary.seek_message(&bytes, index, entry).map(drop))?;
             }
         }
         checked += 1;
@@ -106,13 +132,15 @@ fn copied(path: &Path, out: &Path) -> Result<usize, Failed> {
     let mut through = 0;
     for block in input.blocks() {
         let contents = input.read(block, Window::ALL)?;
-        let is_declared = |chunk: &PackedChunk| chunk.messages.iter().all(|m| input.channels.contains_key(&m.0));
+        let is_declared =
+            |chunk: &PackedChunk| chunk.messages.iter().all(|m| input.channels.contains_key(&m.0));
         if let Some(chunk) = contents.chunk.filter(is_declared) {
             output.copy_chunk(chunk);
             through += 1;
         } else {
             for entry in contents.entries {
-                // As pass two does: what no reader could make sense of stays behind, with a warning.
+                // As pass two does: what no reader could make sense of stays behind, with a
+                // warning.
                 if let Entry::Message(message) = entry
                     && input.channels.contains_key(&message.channel)
                 {
@@ -142,7 +170,12 @@ fn messages(path: &Path) -> Result<Kept, Failed> {
         if let Entry::Message(m) = entry
             && recording.channels.contains_key(&m.channel)
         {
-            kept.entry(m.channel).or_default().push((m.sequence, m.log_time, m.publish_time, m.data().to_vec()));
+            kept.entry(m.channel).or_default().push((
+                m.sequence,
+                m.log_time,
+                m.publish_time,
+                m.data().to_vec(),
+            ));
         }
     }
     Ok(kept)
@@ -154,7 +187,11 @@ fn read_by_others() -> Result<(), Failed> {
     let dive = folder.path().join("dive.mcap");
     Dive { frames: 14, width: 288, height: 216, focal_px: 340.0, ..Dive::default() }.write(&dive);
     let mut model = None;
-    for (word, encoding) in [("cdr", OutputEncoding::Cdr), ("ros1", OutputEncoding::Ros1), ("protobuf", OutputEncoding::Protobuf)] {
+    for (word, encoding) in [
+        ("cdr", OutputEncoding::Cdr),
+        ("ros1", OutputEncoding::Ros1),
+        ("protobuf", OutputEncoding::Protobuf),
+    ] {
         let out = folder.path().join(format!("{word}.mcap"));
         let mut options = Options::default();
         options.config.output.encoding = encoding;
@@ -193,7 +230,8 @@ fn main() {
         ("a Nortek DVL333 agrees with itself", Box::new(replay::dvl333)),
         ("a Ping altimeter's drop-outs are seen", Box::new(replay::ping1d)),
     ];
-    let others = Trial::test("every output encoding is read by others (Python)", read_by_others).with_ignored_flag(!has_readers());
+    let others = Trial::test("every output encoding is read by others (Python)", read_by_others)
+        .with_ignored_flag(!has_readers());
     let trials = checks
         .into_iter()
         .map(|(name, check)| {

@@ -1,5 +1,6 @@
-//! The docs hold what they promise: every command in them runs, every link leads somewhere, and docs/commands.md is what the
-//! program says of itself (`UNWATER_BLESS=1 cargo test --test docs` writes it anew).
+//! The docs hold what they promise: every command in them runs, every link leads somewhere, and
+//! docs/commands.md is what the program says of itself (`UNWATER_BLESS=1 cargo test --test docs`
+//! writes it anew).
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -17,7 +18,10 @@ const NOT_RUN: [(&str, &str); 8] = [
     ("git clone", "needs the network"),
     ("cargo ", "builds or tests all anew; CI does that by itself"),
     ("pip install", "needs the network; CI installs the same versions for the playback tests"),
-    ("python ", "opens a window, or measures for an hour; the playback tests load the layout's script"),
+    (
+        "python ",
+        "opens a window, or measures for an hour; the playback tests load the layout's script",
+    ),
     ("rerun ", "opens a window"),
     ("man ", "opens a pager"),
     (".ci/run", "is what runs this"),
@@ -26,16 +30,28 @@ const NOT_RUN: [(&str, &str); 8] = [
 
 /// Pages of people's docs, from the root.
 fn pages() -> Vec<PathBuf> {
-    let mut pages: Vec<PathBuf> =
-        ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "sample_logs/README.md", "fuzz/README.md"].map(PathBuf::from).into();
+    let mut pages: Vec<PathBuf> = [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "sample_logs/README.md",
+        "fuzz/README.md",
+    ]
+    .map(PathBuf::from)
+    .into();
     let docs = std::fs::read_dir(Path::new(ROOT).join("docs")).unwrap().flatten().map(|e| e.path());
-    pages.extend(docs.filter(|p| p.extension().is_some_and(|e| e == "md")).map(|p| p.strip_prefix(ROOT).unwrap().to_path_buf()));
+    pages.extend(
+        docs.filter(|p| p.extension().is_some_and(|e| e == "md"))
+            .map(|p| p.strip_prefix(ROOT).unwrap().to_path_buf()),
+    );
     pages.sort();
     pages
 }
 
 fn text_of(page: &Path) -> String {
-    std::fs::read_to_string(Path::new(ROOT).join(page)).unwrap_or_else(|e| panic!("{}: {e}", page.display()))
+    std::fs::read_to_string(Path::new(ROOT).join(page))
+        .unwrap_or_else(|e| panic!("{}: {e}", page.display()))
 }
 
 /// The page without its code blocks, and the code blocks with their language.
@@ -72,7 +88,9 @@ fn plain(path: &Path) -> PathBuf {
     let mut out = PathBuf::new();
     for part in path.components() {
         match part {
-            Component::ParentDir => assert!(out.pop(), "{} leads out of the repository", path.display()),
+            Component::ParentDir => {
+                assert!(out.pop(), "{} leads out of the repository", path.display())
+            }
             other => out.push(other),
         }
     }
@@ -89,12 +107,18 @@ fn every_link_leads_somewhere() {
                 continue;
             }
             let (file, fragment) = link.split_once('#').unwrap_or((&link, ""));
-            let target = if file.is_empty() { page.clone() } else { plain(&page.parent().unwrap().join(file)) };
+            let target = if file.is_empty() {
+                page.clone()
+            } else {
+                plain(&page.parent().unwrap().join(file))
+            };
             if !Path::new(ROOT).join(&target).exists() {
                 wrong.push(format!("{}: {link}", page.display()));
             } else if !fragment.is_empty() && target.extension().is_some_and(|e| e == "md") {
                 let (prose, _) = parts(&text_of(&target));
-                let is_there = prose.lines().any(|l| l.starts_with('#') && anchor(l.trim_start_matches('#').trim()) == fragment);
+                let is_there = prose.lines().any(|l| {
+                    l.starts_with('#') && anchor(l.trim_start_matches('#').trim()) == fragment
+                });
                 if !is_there {
                     wrong.push(format!("{}: {link}: no such heading", page.display()));
                 }
@@ -107,8 +131,10 @@ fn every_link_leads_somewhere() {
 #[test]
 fn every_page_is_in_the_book() {
     let summary = text_of(Path::new("docs/SUMMARY.md"));
-    let listed: BTreeSet<PathBuf> = links(&summary).iter().map(|l| plain(&Path::new("docs").join(l))).collect();
-    let written: BTreeSet<PathBuf> = pages().into_iter().filter(|p| !p.ends_with("SUMMARY.md")).collect();
+    let listed: BTreeSet<PathBuf> =
+        links(&summary).iter().map(|l| plain(&Path::new("docs").join(l))).collect();
+    let written: BTreeSet<PathBuf> =
+        pages().into_iter().filter(|p| !p.ends_with("SUMMARY.md")).collect();
     let missing: Vec<_> = written.difference(&listed).collect();
     assert!(missing.is_empty(), "docs/SUMMARY.md does not list {missing:?}");
 }
@@ -118,15 +144,21 @@ fn commands_page() -> String {
     let mut program = unwater::cli::Cli::command().term_width(100).disable_help_subcommand(true);
     program.build();
     let mut page = String::from(
-        "# Commands\n\nMade from the program's own words (`unwater COMMAND --help`); a test holds it to them and runs the examples. Exit status and files: [formats.md](formats.md).\n",
+        "# Commands\n\nMade from the program's own words (`unwater COMMAND --help`); a test holds \
+         it to them and runs the examples. Exit status and files: [formats.md](formats.md).\n",
     );
     for command in program.get_subcommands_mut() {
         let name = command.get_bin_name().unwrap_or_default().to_string();
         let after = command.get_after_help().map(ToString::to_string).unwrap_or_default();
-        let examples: String = after.lines().filter_map(|l| l.strip_prefix("  unwater ")).map(|l| format!("unwater {l}\n")).collect();
+        let examples: String = after
+            .lines()
+            .filter_map(|l| l.strip_prefix("  unwater "))
+            .map(|l| format!("unwater {l}\n"))
+            .collect();
         let help = command.clone().after_help("").render_long_help().to_string();
         let help: Vec<&str> = help.lines().map(str::trim_end).collect();
-        let rest: Vec<&str> = after.lines().filter(|l| !l.starts_with("  ") && !l.starts_with("Example")).collect();
+        let rest: Vec<&str> =
+            after.lines().filter(|l| !l.starts_with("  ") && !l.starts_with("Example")).collect();
         write!(page, "\n## {name}\n\n```text\n{}\n```\n", help.join("\n").trim()).unwrap();
         if !examples.is_empty() {
             write!(page, "\n```sh\n{examples}```\n").unwrap();
@@ -147,7 +179,10 @@ fn commands_are_described_as_they_are() {
         std::fs::write(&path, &is).unwrap();
     }
     let was = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(was == is, "docs/commands.md is not what the program says: UNWATER_BLESS=1 cargo test --test docs");
+    assert!(
+        was == is,
+        "docs/commands.md is not what the program says: UNWATER_BLESS=1 cargo test --test docs"
+    );
 }
 
 /// Runs the commands of a page; how many there were.
@@ -155,29 +190,56 @@ fn commands_are_described_as_they_are() {
 fn type_out(page: PathBuf, [dive_log, second]: [&Path; 2], path: &str) -> usize {
     let (_, blocks) = parts(&text_of(&page));
     let folder = tempfile::tempdir().unwrap();
-    std::os::unix::fs::symlink(Path::new(ROOT).join("sample_logs"), folder.path().join("sample_logs")).unwrap();
-    for (name, log) in [("dive.mcap", dive_log), ("dive_1.mcap", dive_log), ("dive_2.mcap", second), ("dive_3.mcap", dive_log)] {
+    std::os::unix::fs::symlink(
+        Path::new(ROOT).join("sample_logs"),
+        folder.path().join("sample_logs"),
+    )
+    .unwrap();
+    for (name, log) in [
+        ("dive.mcap", dive_log),
+        ("dive_1.mcap", dive_log),
+        ("dive_2.mcap", second),
+        ("dive_3.mcap", dive_log),
+    ] {
         std::fs::copy(log, folder.path().join(name)).unwrap();
     }
     let mut ran = 0;
-    for line in blocks.iter().filter(|(language, _)| language == "sh").flat_map(|(_, block)| block.lines()) {
+    for line in
+        blocks.iter().filter(|(language, _)| language == "sh").flat_map(|(_, block)| block.lines())
+    {
         let line = line.trim();
         // The first build is what `cargo run` adds to the program's own words.
-        let line = line.strip_prefix("cargo run --release -- ").map_or_else(|| line.to_string(), |words| format!("unwater {words}"));
-        if line.is_empty() || line.starts_with('#') || NOT_RUN.iter().any(|(begin, _)| line.starts_with(begin)) {
+        let line = line
+            .strip_prefix("cargo run --release -- ")
+            .map_or_else(|| line.to_string(), |words| format!("unwater {words}"));
+        if line.is_empty()
+            || line.starts_with('#')
+            || NOT_RUN.iter().any(|(begin, _)| line.starts_with(begin))
+        {
             continue;
         }
         let shell = ["-c", line.as_str()];
-        let done =
-            std::process::Command::new("sh").args(shell).current_dir(folder.path()).env("PATH", path).env("HOME", folder.path()).output().unwrap();
-        assert!(done.status.success(), "{}: `{line}`: {}", page.display(), String::from_utf8_lossy(&done.stderr));
+        let done = std::process::Command::new("sh")
+            .args(shell)
+            .current_dir(folder.path())
+            .env("PATH", path)
+            .env("HOME", folder.path())
+            .output()
+            .unwrap();
+        assert!(
+            done.status.success(),
+            "{}: `{line}`: {}",
+            page.display(),
+            String::from_utf8_lossy(&done.stderr)
+        );
         ran += 1;
     }
     ran
 }
 
-/// Every line of every `sh` block, block by block in one folder for each page, as a reader would type them. `sample_logs` is the
-/// repository's; `dive.mcap` and its like are a small rendered dive.
+/// Every line of every `sh` block, block by block in one folder for each page, as a reader would
+/// type them. `sample_logs` is the repository's; `dive.mcap` and its like are a small rendered
+/// dive.
 #[cfg(unix)]
 #[test]
 fn every_command_runs() {
@@ -186,14 +248,26 @@ fn every_command_runs() {
     let dive = tempfile::tempdir().unwrap();
     let logs = [1, 2].map(|seed| {
         let log = dive.path().join(format!("{seed}.mcap"));
-        support::render::Dive { seed, frames: 14, width: 288, height: 216, focal_px: 340.0, ..Default::default() }.write(&log);
+        support::render::Dive {
+            seed,
+            frames: 14,
+            width: 288,
+            height: 216,
+            focal_px: 340.0,
+            ..Default::default()
+        }
+        .write(&log);
         log
     });
     let logs = [logs[0].as_path(), logs[1].as_path()];
     // Page by page beside each other: each waits for its own commands only.
     let ran: usize = std::thread::scope(|scope| {
-        let pages: Vec<_> = pages().into_iter().map(|page| scope.spawn(|| type_out(page, logs, &path))).collect();
-        pages.into_iter().map(|page| page.join().unwrap_or_else(|e| std::panic::resume_unwind(e))).sum()
+        let pages: Vec<_> =
+            pages().into_iter().map(|page| scope.spawn(|| type_out(page, logs, &path))).collect();
+        pages
+            .into_iter()
+            .map(|page| page.join().unwrap_or_else(|e| std::panic::resume_unwind(e)))
+            .sum()
     });
     assert!(ran >= 20, "{ran} commands");
     for (begin, why) in NOT_RUN {

@@ -1,5 +1,6 @@
-//! The parsers of foreign bytes on seeds, and on seeds that were damaged: what `fuzz/` does for hours, for seconds and with a
-//! stable compiler. Seeds stand in `fuzz/seeds/<parser>`; what fuzzing found is kept there under a name that begins with `found`.
+//! The parsers of foreign bytes on seeds, and on seeds that were damaged: what `fuzz/` does for
+//! hours, for seconds and with a stable compiler. Seeds stand in `fuzz/seeds/<parser>`; what
+//! fuzzing found is kept there under a name that begins with `found`.
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -25,7 +26,10 @@ fn files(folder: &Path, extension: Option<&str>) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = entries
         .flatten()
         .map(|e| e.path())
-        .filter(|p| extension.is_none() || p.extension().is_some_and(|e| Some(e.to_str().unwrap()) == extension))
+        .filter(|p| {
+            extension.is_none()
+                || p.extension().is_some_and(|e| Some(e.to_str().unwrap()) == extension)
+        })
         .collect();
     files.sort();
     files
@@ -49,7 +53,10 @@ fn every_parser_takes_its_seeds_whole_and_damaged() {
     for (target, parser) in TARGETS {
         let mut dice = Dice(0x0dd_ba11);
         let seeds = seeds(target);
-        assert!(!seeds.is_empty(), "{target} has no seeds: UNWATER_BLESS=1 cargo test --test foreign_bytes");
+        assert!(
+            !seeds.is_empty(),
+            "{target} has no seeds: UNWATER_BLESS=1 cargo test --test foreign_bytes"
+        );
         let rounds = (8000 * factor()).div_ceil(seeds.len());
         for seed in seeds {
             let bytes = std::fs::read(&seed).unwrap();
@@ -62,7 +69,12 @@ fn every_parser_takes_its_seeds_whole_and_damaged() {
                 }
                 parser(&damaged);
             }
-            assert!(began.elapsed() < HANG * (factor() as u32), "{} took {:?}", seed.display(), began.elapsed());
+            assert!(
+                began.elapsed() < HANG * (factor() as u32),
+                "{} took {:?}",
+                seed.display(),
+                began.elapsed()
+            );
         }
     }
     ensure_memory_is_bounded();
@@ -71,7 +83,10 @@ fn every_parser_takes_its_seeds_whole_and_damaged() {
 #[test]
 fn every_fuzz_target_is_a_parser_here_and_the_other_way_round() {
     let manifest = std::fs::read_to_string(Path::new(ROOT).join("fuzz/Cargo.toml")).unwrap();
-    let there: BTreeSet<&str> = manifest.lines().filter_map(|l| l.strip_prefix("path = \"fuzz_targets/")?.strip_suffix(".rs\"")).collect();
+    let there: BTreeSet<&str> = manifest
+        .lines()
+        .filter_map(|l| l.strip_prefix("path = \"fuzz_targets/")?.strip_suffix(".rs\""))
+        .collect();
     assert_eq!(there, TARGETS.iter().map(|(name, _)| *name).collect());
 }
 
@@ -88,7 +103,8 @@ fn seeds_are_made_of_the_sample_logs() {
         let Some(Entry::Message(m)) = recording.messages(Window::ALL).next() else { continue };
         let channel = &recording.channels[&m.channel];
         let schema = recording.schemas.get(&channel.schema_id);
-        let (schema_name, schema_encoding, definition) = schema.map_or(("", "jsonschema", &[][..]), |s| (&s.name, &s.encoding, &s.data));
+        let (schema_name, schema_encoding, definition) =
+            schema.map_or(("", "jsonschema", &[][..]), |s| (&s.name, &s.encoding, &s.data));
         let target = match schema_encoding {
             "ros2msg" => "cdr",
             "ros2idl" => "idl",
@@ -96,9 +112,19 @@ fn seeds_are_made_of_the_sample_logs() {
             "protobuf" => "protobuf",
             _ => "json",
         };
-        seeds.insert((target, name.clone()), with_schema(&channel.topic, schema_name, definition, m.data()));
-        let Some(decoder) = Decoder::for_channel(&channel.topic, &channel.message_encoding, schema_name, schema_encoding, definition).ok().flatten()
-        else {
+        seeds.insert(
+            (target, name.clone()),
+            with_schema(&channel.topic, schema_name, definition, m.data()),
+        );
+        let Some(decoder) = Decoder::for_channel(
+            &channel.topic,
+            &channel.message_encoding,
+            schema_name,
+            schema_encoding,
+            definition,
+        )
+        .ok()
+        .flatten() else {
             continue;
         };
         let value = decoder.read(m.data()).unwrap();
@@ -122,7 +148,10 @@ fn seeds_are_made_of_the_sample_logs() {
     for (target, _) in TARGETS {
         let folder = Path::new(ROOT).join("fuzz/seeds").join(target);
         std::fs::create_dir_all(&folder).unwrap();
-        for old in files(&folder, None).iter().filter(|f| !f.file_name().unwrap().to_string_lossy().starts_with("found")) {
+        for old in files(&folder, None)
+            .iter()
+            .filter(|f| !f.file_name().unwrap().to_string_lossy().starts_with("found"))
+        {
             std::fs::remove_file(old).unwrap();
         }
     }

@@ -1,4 +1,5 @@
-//! The judge's own instruments: colour differences against published pairs, and points of the ground against the renderer.
+//! The judge's own instruments: colour differences against published pairs, and points of the
+//! ground against the renderer.
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -8,7 +9,8 @@ use support::render::Dive;
 use support::same_point::Ground;
 use unwater::image::LinearImage;
 
-/// Pairs of table 1 of Sharma, Wu & Dalal 2005: those about hue's seam, its mean and its rotation term.
+/// Pairs of table 1 of Sharma, Wu & Dalal 2005: those about hue's seam, its mean and its rotation
+/// term.
 #[test]
 fn colour_differences_are_those_of_the_published_pairs() {
     let pairs = [
@@ -26,7 +28,11 @@ fn colour_differences_are_those_of_the_published_pairs() {
         ([2.0776, 0.0795, -1.135], [0.9033, -0.0636, -0.5514], 0.9082),
     ];
     for (one, other, ought) in pairs {
-        assert!((delta_e(one, other) - ought).abs() < 1e-4, "{one:?} {other:?}: {} for {ought}", delta_e(one, other));
+        assert!(
+            (delta_e(one, other) - ought).abs() < 1e-4,
+            "{one:?} {other:?}: {} for {ought}",
+            delta_e(one, other)
+        );
         assert!((delta_e(other, one) - ought).abs() < 1e-4, "it is the same both ways");
     }
     // scikit-image: rgb2lab of linear 0.2, 0.4, 0.1 (xyz2lab, D65).
@@ -37,7 +43,8 @@ fn colour_differences_are_those_of_the_published_pairs() {
 
 const LAB: [f64; 3] = [64.62885, -29.95136, 36.51406];
 
-/// The true reflectance at one point is the same in all frames; a shift of a few pixels would be seen.
+/// The true reflectance at one point is the same in all frames; a shift of a few pixels would be
+/// seen.
 #[test]
 fn one_point_of_the_ground_is_found_in_all_frames() {
     let dive = Dive { seed: 5, frames: 10, slope_deg: (6.0, -4.0), ..Dive::default() };
@@ -57,8 +64,14 @@ fn one_point_of_the_ground_is_found_in_all_frames() {
     };
     let right = picture(0);
     let ground = Ground::of(&dive, &truth, &right);
-    let (of_truth, aside) = (ground.shown(&dive, &truth, &right), ground.shown(&dive, &truth, &picture(3)));
+    let (of_truth, aside) =
+        (ground.shown(&dive, &truth, &right), ground.shown(&dive, &truth, &picture(3)));
     assert!(of_truth.scatter.iter().all(|s| *s < 0.012), "{:.4?}", of_truth.scatter);
     assert!(of_truth.delta_e_95 < 1e-6, "{}", of_truth.delta_e_95);
-    assert!(aside.scatter.iter().zip(&of_truth.scatter).all(|(a, b)| *a > 2.0 * b), "{:.4?} {:.4?}", aside.scatter, of_truth.scatter);
+    assert!(
+        aside.scatter.iter().zip(&of_truth.scatter).all(|(a, b)| *a > 2.0 * b),
+        "{:.4?} {:.4?}",
+        aside.scatter,
+        of_truth.scatter
+    );
 }

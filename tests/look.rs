@@ -1,8 +1,9 @@
-//! Pictures for people: the page of a run opens in a browser, the sheet says what it must, the mosaic puts known points where
-//! they are, and the data set for archives is whole.
+//! Pictures for people: the page of a run opens in a browser, the sheet says what it must, the
+//! mosaic puts known points where they are, and the data set for archives is whole.
 //!
-//! Pages are opened in headless Chromium where there is one, with node and playwright-core (`NODE_PATH`); elsewhere those
-//! tests are reported as ignored, never as passed. So are those on dives that `UNWATER_DATA` names.
+//! Pages are opened in headless Chromium where there is one, with node and playwright-core
+//! (`NODE_PATH`); elsewhere those tests are reported as ignored, never as passed. So are those on
+//! dives that `UNWATER_DATA` names.
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -26,7 +27,10 @@ fn unwater(args: &[&str]) -> std::process::Output {
 
 fn ran(args: &[&str]) -> Result<(), Failed> {
     let output = unwater(args);
-    ensure(output.status.success(), format!("{args:?}: {}", String::from_utf8_lossy(&output.stderr)))
+    ensure(
+        output.status.success(),
+        format!("{args:?}: {}", String::from_utf8_lossy(&output.stderr)),
+    )
 }
 
 fn text(path: &Path) -> &str {
@@ -45,10 +49,25 @@ impl Corrected {
         static MADE: OnceLock<Corrected> = OnceLock::new();
         MADE.get_or_init(|| {
             let folder = tempfile::tempdir().expect("a folder");
-            // The strip is laid by the velocity: without its noise, so that what is off is off by the laying.
-            let dive = Dive { frames: 22, width: 320, height: 240, focal_px: 380.0, velocity_noise_m_per_s: 0.0, ..Dive::default() };
+            // The strip is laid by the velocity: without its noise, so that what is off is off by
+            // the laying.
+            let dive = Dive {
+                frames: 22,
+                width: 320,
+                height: 240,
+                focal_px: 380.0,
+                velocity_noise_m_per_s: 0.0,
+                ..Dive::default()
+            };
             let truth = dive.write(&folder.path().join("dive.mcap"));
-            ran(&["correct", text(&folder.path().join("dive.mcap")), "-o", text(&folder.path().join("out.mcap")), "-q"]).expect("a corrected log");
+            ran(&[
+                "correct",
+                text(&folder.path().join("dive.mcap")),
+                "-o",
+                text(&folder.path().join("out.mcap")),
+                "-q",
+            ])
+            .expect("a corrected log");
             Corrected { folder, dive, truth }
         })
     }
@@ -58,7 +77,8 @@ impl Corrected {
     }
 }
 
-/// The page holds every number it must, whole and harmless, and the same bytes for any number of threads.
+/// The page holds every number it must, whole and harmless, and the same bytes for any number of
+/// threads.
 fn page_says_what_it_must() -> Result<(), Failed> {
     let made = Corrected::get();
     let (one, two) = (made.path("one.html"), made.path("two.html"));
@@ -67,9 +87,17 @@ fn page_says_what_it_must() -> Result<(), Failed> {
     }
     let html = std::fs::read_to_string(&one)?;
     ensure(html == std::fs::read_to_string(&two)?, "the bytes depend on the threads")?;
-    for word in
-        ["22 of 22 corrected", "95 % interval", "Identified", "(Fig. 6)", "(Fig. 8)", "(Fig. 9)", "(Fig. 10)", "Track from above", "dive.mcap"]
-    {
+    for word in [
+        "22 of 22 corrected",
+        "95 % interval",
+        "Identified",
+        "(Fig. 6)",
+        "(Fig. 8)",
+        "(Fig. 9)",
+        "(Fig. 10)",
+        "Track from above",
+        "dive.mcap",
+    ] {
         ensure(html.contains(word), format!("{word:?} is not in the page"))?;
     }
     ensure(!html.contains("Not shown"), "a figure is missing")?;
@@ -78,7 +106,8 @@ fn page_says_what_it_must() -> Result<(), Failed> {
     ensure(html.len() < 6 << 20, format!("{} bytes", html.len()))?;
     let again = unwater(&["report", text(&made.path("out.mcap")), "-o", text(&one)]);
     ensure(again.status.code() == Some(1), "an existing page is overwritten without --force")?;
-    let not_corrected = unwater(&["report", text(&made.path("dive.mcap")), "-o", text(&made.path("never.html"))]);
+    let not_corrected =
+        unwater(&["report", text(&made.path("dive.mcap")), "-o", text(&made.path("never.html"))]);
     let said = String::from_utf8_lossy(&not_corrected.stderr).into_owned();
     ensure(not_corrected.status.code() == Some(1) && said.contains("unwater correct"), said)?;
     ensure(!made.path("never.html").exists(), "something stands under the page's name")
@@ -87,16 +116,30 @@ fn page_says_what_it_must() -> Result<(), Failed> {
 /// Outputs that lack things: each figure that cannot be made says why.
 fn pages_of_poorer_logs() -> Result<Vec<(PathBuf, tempfile::TempDir)>, Failed> {
     let mut pages = Vec::new();
-    let mono = Dive { frames: 14, width: 288, height: 216, focal_px: 340.0, sensor: Sensor::Mono16, ..Dive::default() };
-    let level = Dive { altitude_m: (2.0, 2.05), with_imu: false, sensor: Sensor::Jpeg(90), ..mono.clone() };
+    let mono = Dive {
+        frames: 14,
+        width: 288,
+        height: 216,
+        focal_px: 340.0,
+        sensor: Sensor::Mono16,
+        ..Dive::default()
+    };
+    let level =
+        Dive { altitude_m: (2.0, 2.05), with_imu: false, sensor: Sensor::Jpeg(90), ..mono.clone() };
     let cases: [(&str, &Dive, &[&str], &[&str]); 3] = [
         ("mono", &mono, &[], &["grey"]),
-        ("dropped", &mono, &["--drop-raw", "--depth", "16"], &["--drop-raw", "Corrected frames alone"]),
+        (
+            "dropped",
+            &mono,
+            &["--drop-raw", "--depth", "16"],
+            &["--drop-raw", "Corrected frames alone"],
+        ),
         ("level", &level, &[], &["Not identified", "Along the dive: altitude"]),
     ];
     for (name, dive, options, words) in cases {
         let folder = tempfile::tempdir()?;
-        let (log, out) = (folder.path().join(format!("{name}.mcap")), folder.path().join("out.mcap"));
+        let (log, out) =
+            (folder.path().join(format!("{name}.mcap")), folder.path().join("out.mcap"));
         dive.write(&log);
         ran(&[&["correct", text(&log), "-o", text(&out), "-q"], options].concat())?;
         let page = folder.path().join(format!("{name}.html"));
@@ -114,13 +157,18 @@ fn pages_of_poorer_logs() -> Result<Vec<(PathBuf, tempfile::TempDir)>, Failed> {
 fn names_are_escaped() -> Result<(), Failed> {
     let made = Corrected::get();
     let folder = tempfile::tempdir()?;
-    let (log, out) = (folder.path().join("<img src=x onerror=alert(1)>&.mcap"), folder.path().join("out.mcap"));
+    let (log, out) =
+        (folder.path().join("<img src=x onerror=alert(1)>&.mcap"), folder.path().join("out.mcap"));
     std::fs::copy(made.path("dive.mcap"), &log)?;
     ran(&["correct", text(&log), "-o", text(&out), "-q"])?;
     let page = folder.path().join("page.html");
     ran(&["report", text(&out), "-o", text(&page)])?;
     let html = std::fs::read_to_string(&page)?;
-    ensure(!html.contains("<img src=x") && html.contains("&lt;img src=x onerror=alert(1)&gt;&amp;.mcap"), "markup of a name is in the page")
+    ensure(
+        !html.contains("<img src=x")
+            && html.contains("&lt;img src=x onerror=alert(1)&gt;&amp;.mcap"),
+        "markup of a name is in the page",
+    )
 }
 
 fn in_chromium(pages: &[&Path]) -> Result<(), Failed> {
@@ -146,12 +194,24 @@ fn pages_open() -> Result<(), Failed> {
 fn pages_of_dives_open(data: &Path) -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let mut pages = Vec::new();
-    for log in ["rendered/A/A_clear_flat_raw16", "stonefish/sf_w020_square_srgb", "real/auv_set02", "real/auv_set07", "real/towed_port"] {
+    for log in [
+        "rendered/A/A_clear_flat_raw16",
+        "stonefish/sf_w020_square_srgb",
+        "real/auv_set02",
+        "real/auv_set07",
+        "real/towed_port",
+    ] {
         let name = log.rsplit('/').next().unwrap_or(log);
-        let (out, page) = (folder.path().join(format!("{name}.mcap")), folder.path().join(format!("{name}.html")));
+        let (out, page) = (
+            folder.path().join(format!("{name}.mcap")),
+            folder.path().join(format!("{name}.html")),
+        );
         ran(&["correct", text(&data.join(format!("{log}.mcap"))), "-o", text(&out), "-q"])?;
         ran(&["report", text(&out), "-o", text(&page)])?;
-        ensure(std::fs::metadata(&page)?.len() < 6 << 20, format!("{name}: the page is too large"))?;
+        ensure(
+            std::fs::metadata(&page)?.len() < 6 << 20,
+            format!("{name}: the page is too large"),
+        )?;
         pages.push(page);
     }
     in_chromium(&pages.iter().map(PathBuf::as_path).collect::<Vec<_>>())
@@ -160,16 +220,54 @@ fn pages_of_dives_open(data: &Path) -> Result<(), Failed> {
 /// The sheet is a picture of the right shape; frames that are not there are refused in words.
 fn sheet_is_made() -> Result<(), Failed> {
     let made = Corrected::get();
-    let (log, sheet, model) = (made.path("dive.mcap"), made.path("sheet.png"), made.path("model.json"));
+    let (log, sheet, model) =
+        (made.path("dive.mcap"), made.path("sheet.png"), made.path("model.json"));
     ran(&["estimate", text(&log), "-o", text(&model), "-q"])?;
-    ran(&["compare", text(&log), "--model", text(&model), "--frame", "9", "-o", text(&sheet), "-q"])?;
+    ran(&[
+        "compare",
+        text(&log),
+        "--model",
+        text(&model),
+        "--frame",
+        "9",
+        "-o",
+        text(&sheet),
+        "-q",
+    ])?;
     let picture = image::open(&sheet)?;
-    ensure(picture.width() > 1500 && picture.height() > 1200, format!("{}×{}", picture.width(), picture.height()))?;
+    ensure(
+        picture.width() > 1500 && picture.height() > 1200,
+        format!("{}×{}", picture.width(), picture.height()),
+    )?;
     let time = (made.truth.frames[9].stamp_ns + 40_000_000).to_string();
     let same = made.path("same.png");
-    ran(&["compare", text(&log), "--model", text(&model), "--at", &time, "-o", text(&same), "-q", "-j", "1"])?;
-    ensure(std::fs::read(&sheet)? == std::fs::read(&same)?, "frame 9 by its time is another picture")?;
-    let none = unwater(&["compare", text(&log), "--model", text(&model), "--frame", "99", "-o", text(&made.path("none.png"))]);
+    ran(&[
+        "compare",
+        text(&log),
+        "--model",
+        text(&model),
+        "--at",
+        &time,
+        "-o",
+        text(&same),
+        "-q",
+        "-j",
+        "1",
+    ])?;
+    ensure(
+        std::fs::read(&sheet)? == std::fs::read(&same)?,
+        "frame 9 by its time is another picture",
+    )?;
+    let none = unwater(&[
+        "compare",
+        text(&log),
+        "--model",
+        text(&model),
+        "--frame",
+        "99",
+        "-o",
+        text(&made.path("none.png")),
+    ]);
     let said = String::from_utf8_lossy(&none.stderr).into_owned();
     ensure(none.status.code() == Some(2) && said.contains("22"), said)
 }
@@ -179,19 +277,31 @@ fn laid(made: &Corrected, asked: &Asked) -> Result<Mosaic, Failed> {
     Ok(mosaic(&CorrectedLog::open(&made.path("out.mcap"), &options)?, asked, &options)?)
 }
 
-/// Poses by DVL and attitude against the truth, and pixels of the strip against the floor's reflectance at known points.
+/// Poses by DVL and attitude against the truth, and pixels of the strip against the floor's
+/// reflectance at known points.
 fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
     let made = Corrected::get();
     let laid = laid(made, &Asked::default())?;
-    ensure(laid.frames.len() == made.truth.frames.len(), format!("{} frames laid", laid.frames.len()))?;
-    // The mosaic's world against the true one: a shift and a turn, from the first and the last frame alone.
+    ensure(
+        laid.frames.len() == made.truth.frames.len(),
+        format!("{} frames laid", laid.frames.len()),
+    )?;
+    // The mosaic's world against the true one: a shift and a turn, from the first and the last
+    // frame alone.
     let place = |v: [f64; 3]| nalgebra::Vector2::new(v[0], v[1]);
     let own = |k: usize| laid.frames[k].world_from_body.translation.vector.xy();
     let last = laid.frames.len() - 1;
-    let (a, b) = (own(last) - own(0), place(made.truth.frames[last].position) - place(made.truth.frames[0].position));
-    ensure((a.norm() / b.norm() - 1.0).abs() < 0.01, format!("the way is {} m long, not {}", a.norm(), b.norm()))?;
+    let (a, b) = (
+        own(last) - own(0),
+        place(made.truth.frames[last].position) - place(made.truth.frames[0].position),
+    );
+    ensure(
+        (a.norm() / b.norm() - 1.0).abs() < 0.01,
+        format!("the way is {} m long, not {}", a.norm(), b.norm()),
+    )?;
     let turn = nalgebra::Rotation2::new(b.y.atan2(b.x) - a.y.atan2(a.x));
-    let to_truth = |p: nalgebra::Vector2<f64>| turn * (p - own(0)) + place(made.truth.frames[0].position);
+    let to_truth =
+        |p: nalgebra::Vector2<f64>| turn * (p - own(0)) + place(made.truth.frames[0].position);
     for (k, truth) in made.truth.frames.iter().enumerate() {
         let off = (to_truth(own(k)) - place(truth.position)).norm();
         ensure(off < 0.05, format!("frame {k} lies {off:.3} m off"))?;
@@ -203,16 +313,20 @@ fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
     let mut pairs = Vec::new();
     for (k, frame) in made.truth.frames.iter().enumerate() {
         let [x, y, z, w] = frame.orientation_xyzw;
-        let world_from_base = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+        let world_from_base =
+            nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
         for i in (0..dive.width * dive.height).step_by(53) {
             let ray = nalgebra::Vector3::new(
                 ((i % dive.width) as f64 - (dive.width as f64 - 1.0) / 2.0) / dive.focal_px,
                 ((i / dive.width) as f64 - (dive.height as f64 - 1.0) / 2.0) / dive.focal_px,
                 1.0,
             );
-            let depth = frame.plane_distance_m / nalgebra::Vector3::from(frame.plane_normal_in_optical).dot(&ray);
-            let ground = nalgebra::Vector3::from(frame.position) + world_from_base * (camera_in_base + base_from_optical * (ray * depth));
-            let own = turn.inverse() * (ground.xy() - place(made.truth.frames[0].position)) + own(0);
+            let depth = frame.plane_distance_m
+                / nalgebra::Vector3::from(frame.plane_normal_in_optical).dot(&ray);
+            let ground = nalgebra::Vector3::from(frame.position)
+                + world_from_base * (camera_in_base + base_from_optical * (ray * depth));
+            let own =
+                turn.inverse() * (ground.xy() - place(made.truth.frames[0].position)) + own(0);
             let (u, v) = laid.grid.pixel([own.x, own.y]);
             let (u, v) = (u.round(), v.round());
             if u < 0.0 || v < 0.0 || u >= laid.grid.width as f64 || v >= laid.grid.height as f64 {
@@ -221,33 +335,66 @@ fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
             let at = v as usize * laid.grid.width + u as usize;
             // Of several frames the last one covers.
             if strip.from[at] as usize == k + 1 {
-                pairs.push((f64::from(strip.image.pixels[3 * at + 1]), f64::from(frame.reflectance[i][1])));
+                pairs.push((
+                    f64::from(strip.image.pixels[3 * at + 1]),
+                    f64::from(frame.reflectance[i][1]),
+                ));
             }
         }
     }
     ensure(pairs.len() > 5000, format!("{} known points in the strip", pairs.len()))?;
     let n = pairs.len() as f64;
-    let (p, q) = (pairs.iter().map(|p| p.0).sum::<f64>() / n, pairs.iter().map(|p| p.1).sum::<f64>() / n);
-    let (pq, pp, qq) = pairs.iter().fold((0.0, 0.0, 0.0), |(a, b, c), (x, y)| (a + (x - p) * (y - q), b + (x - p).powi(2), c + (y - q).powi(2)));
+    let (p, q) =
+        (pairs.iter().map(|p| p.0).sum::<f64>() / n, pairs.iter().map(|p| p.1).sum::<f64>() / n);
+    let (pq, pp, qq) = pairs.iter().fold((0.0, 0.0, 0.0), |(a, b, c), (x, y)| {
+        (a + (x - p) * (y - q), b + (x - p).powi(2), c + (y - q).powi(2))
+    });
     let correlation = pq / (pp * qq).sqrt();
-    ensure(correlation > 0.95, format!("light and reflectance at one place correlate by {correlation:.3} alone"))
+    ensure(
+        correlation > 0.95,
+        format!("light and reflectance at one place correlate by {correlation:.3} alone"),
+    )
 }
 
-/// Without attitude and velocity, shared points alone must lay the frames out as long as the way was.
+/// Without attitude and velocity, shared points alone must lay the frames out as long as the way
+/// was.
 fn mosaic_by_shared_points() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
-    let dive = Dive { frames: 10, width: 320, height: 240, focal_px: 330.0, with_imu: false, tilt_deg: 0.0, noise: false, ..Dive::default() };
+    let dive = Dive {
+        frames: 10,
+        width: 320,
+        height: 240,
+        focal_px: 330.0,
+        with_imu: false,
+        tilt_deg: 0.0,
+        noise: false,
+        ..Dive::default()
+    };
     let truth = dive.write(&folder.path().join("dive.mcap"));
     let out = folder.path().join("out.mcap");
     ran(&["correct", text(&folder.path().join("dive.mcap")), "-o", text(&out), "-q"])?;
     let options = Options::default();
     let laid = mosaic(&CorrectedLog::open(&out, &options)?, &Asked::default(), &options)?;
-    ensure(laid.words.iter().any(|w| w.contains("points that neighbouring frames share")), format!("{:?}", laid.words))?;
+    ensure(
+        laid.words.iter().any(|w| w.contains("points that neighbouring frames share")),
+        format!("{:?}", laid.words),
+    )?;
     ensure(laid.frames.len() >= 8, format!("{} frames are joined", laid.frames.len()))?;
     for pair in laid.frames.windows(2) {
-        let truth_of = |time: u64| truth.frames.iter().find(|f| f.stamp_ns.abs_diff(time) < 100_000_000).map(|f| nalgebra::Vector3::from(f.position));
-        let (Some(a), Some(b)) = (truth_of(pair[0].log_time), truth_of(pair[1].log_time)) else { return Err("a frame of no time".into()) };
-        let step = (pair[1].world_from_body.translation.vector - pair[0].world_from_body.translation.vector).xy().norm();
+        let truth_of = |time: u64| {
+            truth
+                .frames
+                .iter()
+                .find(|f| f.stamp_ns.abs_diff(time) < 100_000_000)
+                .map(|f| nalgebra::Vector3::from(f.position))
+        };
+        let (Some(a), Some(b)) = (truth_of(pair[0].log_time), truth_of(pair[1].log_time)) else {
+            return Err("a frame of no time".into());
+        };
+        let step = (pair[1].world_from_body.translation.vector
+            - pair[0].world_from_body.translation.vector)
+            .xy()
+            .norm();
         let ought = (b - a).xy().norm();
         ensure((step - ought).abs() < 0.05, format!("a step of {step:.3} m, not {ought:.3}"))?;
     }
@@ -257,7 +404,8 @@ fn mosaic_by_shared_points() -> Result<(), Failed> {
 /// Names that ask for a GeoTIFF need a position, and the log has none.
 fn mosaic_without_a_position() -> Result<(), Failed> {
     let made = Corrected::get();
-    let none = unwater(&["mosaic", text(&made.path("out.mcap")), "-o", text(&made.path("map.tif"))]);
+    let none =
+        unwater(&["mosaic", text(&made.path("out.mcap")), "-o", text(&made.path("map.tif"))]);
     let said = String::from_utf8_lossy(&none.stderr).into_owned();
     ensure(!none.status.success() && said.contains("no position") && said.contains(".png"), said)?;
     ensure(!made.path("map.tif").exists(), "something stands under the map's name")?;
@@ -276,13 +424,20 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
     log.schemas.iter().for_each(|(id, schema)| out.copy_schema(*id, schema));
     log.channels.iter().for_each(|(id, channel)| out.copy_channel(*id, channel));
     let number = r#"{"type":"number"}"#;
-    let stamp = r#"{"type":"object","properties":{"sec":{"type":"integer"},"nanosec":{"type":"integer"}}}"#;
+    let stamp =
+        r#"{"type":"object","properties":{"sec":{"type":"integer"},"nanosec":{"type":"integer"}}}"#;
     let header = format!(r#"{{"type":"object","properties":{{"stamp":{stamp}}}}}"#);
-    let data = format!(r#"{{"type":"object","properties":{{"header":{header},"latitude":{number},"longitude":{number}}}}}"#);
+    let data = format!(
+        r#"{{"type":"object","properties":{{"header":{header},"latitude":{number},"longitude":{number}}}}}"#
+    );
     let fix = out.add_channel(
         "/fix",
         "json",
-        &Schema { name: "sensor_msgs/msg/NavSatFix".into(), encoding: "jsonschema".into(), data: data.into_bytes() },
+        &Schema {
+            name: "sensor_msgs/msg/NavSatFix".into(),
+            encoding: "jsonschema".into(),
+            data: data.into_bytes(),
+        },
     )?;
     for entry in log.messages(Window::ALL) {
         if let Entry::Message(message) = entry {
@@ -291,9 +446,13 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
     }
     for frame in &truth.frames {
         let (sec, nanosec) = (frame.stamp_ns / 1_000_000_000, frame.stamp_ns % 1_000_000_000);
-        let (latitude, longitude) =
-            (ORIGIN.0 + frame.position[1] / M_PER_DEG, ORIGIN.1 + frame.position[0] / M_PER_DEG / ORIGIN.0.to_radians().cos());
-        let said = format!(r#"{{"header":{{"stamp":{{"sec":{sec},"nanosec":{nanosec}}}}},"latitude":{latitude:.12},"longitude":{longitude:.12}}}"#);
+        let (latitude, longitude) = (
+            ORIGIN.0 + frame.position[1] / M_PER_DEG,
+            ORIGIN.1 + frame.position[0] / M_PER_DEG / ORIGIN.0.to_radians().cos(),
+        );
+        let said = format!(
+            r#"{{"header":{{"stamp":{{"sec":{sec},"nanosec":{nanosec}}}}},"latitude":{latitude:.12},"longitude":{longitude:.12}}}"#
+        );
         out.write(fix, frame.stamp_ns, frame.stamp_ns, said.as_bytes());
     }
     out.flush();
@@ -307,7 +466,8 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
     Ok(file.finish(&out)?)
 }
 
-/// The GeoTIFF's tags lead from a known point's degrees to the pixel that shows it, as a GIS would take them.
+/// The GeoTIFF's tags lead from a known point's degrees to the pixel that shows it, as a GIS would
+/// take them.
 fn map_is_where_it_is() -> Result<(), Failed> {
     let made = Corrected::get();
     let (log, map) = (made.path("fixes.mcap"), made.path("fixes.tif"));
@@ -319,72 +479,145 @@ fn map_is_where_it_is() -> Result<(), Failed> {
     let f64_at = |at: usize| f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
     ensure(bytes.starts_with(b"II*\0"), "no TIFF")?;
     let directory = u32_at(4);
-    let tag =
-        |tag: usize| (0..u16_at(directory)).map(|i| directory + 2 + 12 * i).find(|e| u16_at(*e) == tag).map(|e| e + 8).ok_or("a tag is missing");
+    let tag = |tag: usize| {
+        (0..u16_at(directory))
+            .map(|i| directory + 2 + 12 * i)
+            .find(|e| u16_at(*e) == tag)
+            .map(|e| e + 8)
+            .ok_or("a tag is missing")
+    };
     let (width, height) = (u32_at(tag(256)?), u32_at(tag(257)?));
     ensure(u32_at(tag(279)?) == 4 * width * height, "the pixels are not all there")?;
     let (scale, tie) = (u32_at(tag(33550)?), u32_at(tag(33922)?));
-    // The first frame's own place, and the last one's: both are on the mosaic, and as far apart as they truly are.
+    // The first frame's own place, and the last one's: both are on the mosaic, and as far apart as
+    // they truly are.
     let mut shown = Vec::new();
     for frame in [&made.truth.frames[0], &made.truth.frames[21]] {
-        let (latitude, longitude) =
-            (ORIGIN.0 + frame.position[1] / M_PER_DEG, ORIGIN.1 + frame.position[0] / M_PER_DEG / ORIGIN.0.to_radians().cos());
-        let (x, y) = ((longitude - f64_at(tie + 24)) / f64_at(scale), (f64_at(tie + 32) - latitude) / f64_at(scale + 8));
-        ensure(x > 0.0 && y > 0.0 && x < width as f64 && y < height as f64, format!("pixel {x:.0}, {y:.0} of {width}×{height}"))?;
+        let (latitude, longitude) = (
+            ORIGIN.0 + frame.position[1] / M_PER_DEG,
+            ORIGIN.1 + frame.position[0] / M_PER_DEG / ORIGIN.0.to_radians().cos(),
+        );
+        let (x, y) = (
+            (longitude - f64_at(tie + 24)) / f64_at(scale),
+            (f64_at(tie + 32) - latitude) / f64_at(scale + 8),
+        );
+        ensure(
+            x > 0.0 && y > 0.0 && x < width as f64 && y < height as f64,
+            format!("pixel {x:.0}, {y:.0} of {width}×{height}"),
+        )?;
         let alpha = bytes[8 + 4 * (y as usize * width + x as usize) + 3];
         ensure(alpha == 255, "below the vehicle there is no floor")?;
         shown.push((x, y));
     }
-    let metres =
-        ((shown[1].0 - shown[0].0) * f64_at(scale) * ORIGIN.0.to_radians().cos()).hypot((shown[1].1 - shown[0].1) * f64_at(scale + 8)) * M_PER_DEG;
+    let metres = ((shown[1].0 - shown[0].0) * f64_at(scale) * ORIGIN.0.to_radians().cos())
+        .hypot((shown[1].1 - shown[0].1) * f64_at(scale + 8))
+        * M_PER_DEG;
     let (a, b) = (made.truth.frames[0].position, made.truth.frames[21].position);
     let ought = (b[0] - a[0]).hypot(b[1] - a[1]);
     ensure((metres / ought - 1.0).abs() < 1e-3, format!("{metres} m, not {ought}"))?;
-    // A map north up: the same strip laid out by a program that knows degrees alone shows the same floor at the same place.
+    // A map north up: the same strip laid out by a program that knows degrees alone shows the same
+    // floor at the same place.
     let options = Options::default();
-    let mosaic = mosaic(&CorrectedLog::open(&log, &options)?, &Asked { is_georeferenced: true, ..Asked::default() }, &options)?;
+    let mosaic = mosaic(
+        &CorrectedLog::open(&log, &options)?,
+        &Asked { is_georeferenced: true, ..Asked::default() },
+        &options,
+    )?;
     let place = mosaic.frames[0].world_from_body.translation.vector;
     let (u, v) = mosaic.grid.pixel([place.x, place.y]);
     let off = (u + 0.5 - shown[0].0).hypot(v + 0.5 - shown[0].1) * mosaic.grid.m_per_px;
     ensure(off < 0.05, format!("the map is {off:.3} m off"))
 }
 
-/// The stills are the log's own bytes, and the lists say of each where and when it was taken, by the truth.
+/// The stills are the log's own bytes, and the lists say of each where and when it was taken, by
+/// the truth.
 fn data_set_is_whole() -> Result<(), Failed> {
     let made = Corrected::get();
-    let (log, folder, facts) = (made.path("exported.mcap"), made.path("data_set"), made.path("facts.toml"));
+    let (log, folder, facts) =
+        (made.path("exported.mcap"), made.path("data_set"), made.path("facts.toml"));
     with_fixes(&made.path("out.mcap"), &log, &made.truth)?;
-    std::fs::write(&facts, "image-copyright = \"nobody\"\nimage-license = { name = \"CC0-1.0\" }\n")?;
+    std::fs::write(
+        &facts,
+        "image-copyright = \"nobody\"\nimage-license = { name = \"CC0-1.0\" }\n",
+    )?;
     let said = unwater(&["export", text(&log), "-o", text(&folder), "--facts", text(&facts)]);
     let words = String::from_utf8_lossy(&said.stderr);
-    ensure(said.status.success() && words.contains("image-pi") && !words.contains("image-license"), words.as_ref())?;
-    let ifdo: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.join("ifdo.json"))?)?;
-    let (header, items) = (&ifdo["image-set-header"], ifdo["image-set-items"].as_object().ok_or("no items")?);
-    ensure(header["image-license"]["name"] == "CC0-1.0" && header["image-set-ifdo-version"] == "v2.1.0", "the header")?;
+    ensure(
+        said.status.success() && words.contains("image-pi") && !words.contains("image-license"),
+        words.as_ref(),
+    )?;
+    let ifdo: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("ifdo.json"))?)?;
+    let (header, items) =
+        (&ifdo["image-set-header"], ifdo["image-set-items"].as_object().ok_or("no items")?);
+    ensure(
+        header["image-license"]["name"] == "CC0-1.0"
+            && header["image-set-ifdo-version"] == "v2.1.0",
+        "the header",
+    )?;
     ensure(items.len() == 22, format!("{} items", items.len()))?;
     let recording = Recording::open(&log)?;
-    let topic = recording.channels.iter().find(|(_, c)| c.topic == "/camera/image_corrected/compressed").ok_or("no pictures")?.0;
+    let topic = recording
+        .channels
+        .iter()
+        .find(|(_, c)| c.topic == "/camera/image_corrected/compressed")
+        .ok_or("no pictures")?
+        .0;
     let pictures: Vec<Vec<u8>> = recording
         .messages(Window::ALL)
-        .filter_map(|entry| if let Entry::Message(m) = entry { (m.channel == *topic).then(|| m.data().to_vec()) } else { None })
+        .filter_map(|entry| {
+            if let Entry::Message(m) = entry {
+                (m.channel == *topic).then(|| m.data().to_vec())
+            } else {
+                None
+            }
+        })
         .collect();
     let table = std::fs::read_to_string(folder.join("images.csv"))?;
-    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
-    ensure(rows.len() == 22 && pictures.len() == 22, format!("{} rows, {} pictures", rows.len(), pictures.len()))?;
+    let rows: Vec<Vec<&str>> =
+        table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    ensure(
+        rows.len() == 22 && pictures.len() == 22,
+        format!("{} rows, {} pictures", rows.len(), pictures.len()),
+    )?;
     for ((row, picture), frame) in rows.iter().zip(&pictures).zip(&made.truth.frames) {
         let still = std::fs::read(folder.join("images").join(row[0]))?;
-        ensure(picture.windows(still.len()).any(|w| w == still), format!("{} is not the log's", row[0]))?;
+        ensure(
+            picture.windows(still.len()).any(|w| w == still),
+            format!("{} is not the log's", row[0]),
+        )?;
         let item = &items[row[0]];
         ensure(item["image-hash-sha256"] == unwater::pipeline::sha256(&still), "the fingerprint")?;
-        ensure(row[5] == frame.stamp_ns.to_string(), format!("{} is not of {}", row[5], frame.stamp_ns))?;
+        ensure(
+            row[5] == frame.stamp_ns.to_string(),
+            format!("{} is not of {}", row[5], frame.stamp_ns),
+        )?;
         let above = item["image-meters-above-ground"].as_f64().ok_or("no height")?;
-        ensure((above - frame.plane_distance_m).abs() < 0.05, format!("{above} m, not {}", frame.plane_distance_m))?;
-        let north_m = (item["image-latitude"].as_f64().ok_or("no latitude")? - ORIGIN.0) * M_PER_DEG;
-        ensure((north_m - frame.position[1]).abs() < 0.01, format!("{north_m} m north, not {}", frame.position[1]))?;
+        ensure(
+            (above - frame.plane_distance_m).abs() < 0.05,
+            format!("{above} m, not {}", frame.plane_distance_m),
+        )?;
+        let north_m =
+            (item["image-latitude"].as_f64().ok_or("no latitude")? - ORIGIN.0) * M_PER_DEG;
+        ensure(
+            (north_m - frame.position[1]).abs() < 0.01,
+            format!("{north_m} m north, not {}", frame.position[1]),
+        )?;
     }
-    ensure(items.values().all(|i| i["image-datetime"].as_str().is_some_and(|t| t.starts_with("2025-10-09 08:53:") && t.len() == 23)), "a moment")?;
+    ensure(
+        items.values().all(|i| {
+            i["image-datetime"]
+                .as_str()
+                .is_some_and(|t| t.starts_with("2025-10-09 08:53:") && t.len() == 23)
+        }),
+        "a moment",
+    )?;
     let again = unwater(&["export", text(&log), "-o", text(&folder)]);
-    ensure(again.status.code() == Some(1) && String::from_utf8_lossy(&again.stderr).contains("--force"), "a folder in use is not refused")
+    ensure(
+        again.status.code() == Some(1)
+            && String::from_utf8_lossy(&again.stderr).contains("--force"),
+        "a folder in use is not refused",
+    )
 }
 
 fn main() {
@@ -397,7 +630,8 @@ fn main() {
         Trial::test("pages of poorer logs say why", || pages_of_poorer_logs().map(drop)),
         Trial::test("names are escaped", names_are_escaped),
         Trial::test("pages open in Chromium", pages_open).with_ignored_flag(!has_chromium),
-        Trial::test("pages of the dives open in Chromium", move || pages_of_dives_open(&data)).with_ignored_flag(!has_chromium || no_data),
+        Trial::test("pages of the dives open in Chromium", move || pages_of_dives_open(&data))
+            .with_ignored_flag(!has_chromium || no_data),
         Trial::test("the sheet is made", sheet_is_made),
         Trial::test("the mosaic puts points where they are", mosaic_puts_points_where_they_are),
         Trial::test("the mosaic by shared points", mosaic_by_shared_points),
@@ -406,7 +640,9 @@ fn main() {
         Trial::test("the data set is whole", data_set_is_whole),
     ];
     if !has_chromium {
-        eprintln!("Chromium, node or playwright-core is missing: the tests in a browser are skipped");
+        eprintln!(
+            "Chromium, node or playwright-core is missing: the tests in a browser are skipped"
+        );
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -1,5 +1,5 @@
-//! Every message type, from logs that an independent writer made (`sample_logs/messages/make.py`), against what that
-//! writer says is in them (`expected.json`).
+//! Every message type, from logs that an independent writer made (`sample_logs/messages/make.py`),
+//! against what that writer says is in them (`expected.json`).
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
@@ -18,22 +18,39 @@ const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/messages"
 fn read_log(name: &str) -> (Recording, Vec<Message>) {
     let recording = Recording::open(&Path::new(FOLDER).join(name)).expect(name);
     assert!(recording.is_complete && recording.damage.is_empty(), "{name}: {:?}", recording.damage);
-    let messages = recording.messages(Window::ALL).filter_map(|e| if let Entry::Message(m) = e { Some(m) } else { None }).collect();
+    let messages = recording
+        .messages(Window::ALL)
+        .filter_map(|e| if let Entry::Message(m) = e { Some(m) } else { None })
+        .collect();
     (recording, messages)
 }
 
 fn decoder(recording: &Recording, message: &Message, rig: &DvlFacts) -> Decoder {
     let channel = &recording.channels[&message.channel];
     if channel.schema_id == 0 {
-        return Decoder::for_json(&channel.topic, message.data()).expect("JSON").expect("a decoder");
+        return Decoder::for_json(&channel.topic, message.data())
+            .expect("JSON")
+            .expect("a decoder");
     }
     let schema = &recording.schemas[&channel.schema_id];
     if rig.path.is_some() {
-        return Decoder::by_path(&channel.message_encoding, &schema.name, &schema.encoding, &schema.data).expect("a schema");
+        return Decoder::by_path(
+            &channel.message_encoding,
+            &schema.name,
+            &schema.encoding,
+            &schema.data,
+        )
+        .expect("a schema");
     }
-    let mut decoder = Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data)
-        .expect("a schema")
-        .expect("a decoder");
+    let mut decoder = Decoder::for_channel(
+        &channel.topic,
+        &channel.message_encoding,
+        &schema.name,
+        &schema.encoding,
+        &schema.data,
+    )
+    .expect("a schema")
+    .expect("a decoder");
     decoder.settle(&channel.topic, message.data());
     decoder
 }
@@ -47,45 +64,79 @@ fn close(a: f64, b: f64, tolerance: f64) -> bool {
 }
 
 fn floats(json: &Json) -> Vec<f64> {
-    json.as_array().map(|a| a.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()).unwrap_or_default()
+    json.as_array()
+        .map(|a| a.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect())
+        .unwrap_or_default()
 }
 
 fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expected: &Json) {
     // Codes as they are first: the transfer curve is undone by `auto` below.
-    let codes = decode(picture, Light { transfer: Transfer::Linear, ..Light::default() }).expect(file);
+    let codes =
+        decode(picture, Light { transfer: Transfer::Linear, ..Light::default() }).expect(file);
     let white = white_level(codes.coding.bits_used);
-    let codes = decode(picture, Light { transfer: Transfer::Linear, white_level: Some(white), ..Light::default() }).expect(file);
+    let codes = decode(
+        picture,
+        Light { transfer: Transfer::Linear, white_level: Some(white), ..Light::default() },
+    )
+    .expect(file);
     let automatic = decode(picture, Light::default()).expect(file);
-    assert_eq!(automatic.coding.transfer == Transfer::Linear, expected["linear"].as_bool().expect("linear"), "{file}: transfer");
-    assert_eq!(u64::from(codes.coding.bits), expected["bits"].as_u64().expect("bits"), "{file}: bits");
+    assert_eq!(
+        automatic.coding.transfer == Transfer::Linear,
+        expected["linear"].as_bool().expect("linear"),
+        "{file}: transfer"
+    );
+    assert_eq!(
+        u64::from(codes.coding.bits),
+        expected["bits"].as_u64().expect("bits"),
+        "{file}: bits"
+    );
     let image = codes.image.into_bands();
     assert_eq!(
         (image.width as u64, image.height as u64, image.bands as u64),
-        (expected["width"].as_u64().unwrap(), expected["height"].as_u64().unwrap(), expected["bands"].as_u64().unwrap()),
+        (
+            expected["width"].as_u64().unwrap(),
+            expected["height"].as_u64().unwrap(),
+            expected["bands"].as_u64().unwrap()
+        ),
         "{file}: size"
     );
     // Full scale is told from the bits in use; a dozen tiny gradients may not reach the top one.
-    let scale = if codes.coding.bits == 16 { f64::from(white) / expected["full_scale"].as_f64().unwrap() } else { 1.0 };
+    let scale = if codes.coding.bits == 16 {
+        f64::from(white) / expected["full_scale"].as_f64().unwrap()
+    } else {
+        1.0
+    };
     assert!(close(scale, 1.0, 1e-3), "{file}: white level {white}");
     let tolerance = expected["tolerance"].as_f64().expect("tolerance") + 3e-4;
     for at in expected["rgb_at"].as_array().expect("rgb_at") {
-        let (x, y, truth) = (at[0].as_u64().unwrap() as usize, at[1].as_u64().unwrap() as usize, floats(&at[2]));
+        let (x, y, truth) =
+            (at[0].as_u64().unwrap() as usize, at[1].as_u64().unwrap() as usize, floats(&at[2]));
         for (band, (value, truth)) in image.at(x, y).iter().zip(&truth).enumerate() {
-            assert!(close(f64::from(*value), *truth, tolerance), "{file}: pixel {x},{y} band {band} is {value}, not {truth}");
+            assert!(
+                close(f64::from(*value), *truth, tolerance),
+                "{file}: pixel {x},{y} band {band} is {value}, not {truth}"
+            );
         }
     }
 }
 
 #[test]
 fn every_message_type_reads_as_its_writer_meant_it() {
-    let expected: Json = serde_json::from_str(&std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap()).unwrap();
+    let expected: Json = serde_json::from_str(
+        &std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap(),
+    )
+    .unwrap();
     let mut logs: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (file, entry) in expected.as_object().expect("an object") {
         let (recording, messages) = read_log(file);
         let readings = entry["readings"].as_array().expect("readings");
         let rig = rig(entry);
         let mut known = None;
-        assert_eq!(messages.len(), entry["stamps_ns"].as_array().unwrap().len(), "{file}: messages");
+        assert_eq!(
+            messages.len(),
+            entry["stamps_ns"].as_array().unwrap().len(),
+            "{file}: messages"
+        );
         for (i, message) in messages.iter().enumerate() {
             let decoder = known.get_or_insert_with(|| decoder(&recording, message, &rig));
             if i == 0 {
@@ -93,11 +144,23 @@ fn every_message_type_reads_as_its_writer_meant_it() {
             }
             let value = decoder.read(message.data()).expect(file);
             let said = heading(&value);
-            assert_eq!(message.log_time, entry["log_times_ns"][i].as_u64().unwrap(), "{file}: log time");
+            assert_eq!(
+                message.log_time,
+                entry["log_times_ns"][i].as_u64().unwrap(),
+                "{file}: log time"
+            );
             // Transforms have their headers inside.
             if !matches!(decoder.message_type.kind, Kind::Transforms(_)) {
-                assert_eq!(said.stamp.unwrap_or(message.logged()).0, entry["stamps_ns"][i].as_i64().unwrap(), "{file}: stamp");
-                assert_eq!(said.frame_id, entry["frame_id"].as_str().unwrap_or(""), "{file}: frame");
+                assert_eq!(
+                    said.stamp.unwrap_or(message.logged()).0,
+                    entry["stamps_ns"][i].as_i64().unwrap(),
+                    "{file}: stamp"
+                );
+                assert_eq!(
+                    said.frame_id,
+                    entry["frame_id"].as_str().unwrap_or(""),
+                    "{file}: frame"
+                );
             }
             let truth = readings.get(i).unwrap_or(&Json::Null);
             match decoder.message_type.kind {
@@ -107,12 +170,18 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                 }
                 Kind::Ping(_, read) if entry["kind"] == "depth" => {
                     let pixels = read(&value, &rig).expect(file).pixels.expect(file);
-                    assert_eq!((pixels.width as u64, pixels.height as u64), (truth["width"].as_u64().unwrap(), truth["height"].as_u64().unwrap()));
+                    assert_eq!(
+                        (pixels.width as u64, pixels.height as u64),
+                        (truth["width"].as_u64().unwrap(), truth["height"].as_u64().unwrap())
+                    );
                     let samples = truth["samples"].as_array().unwrap();
                     assert_eq!(pixels.samples.len(), samples.len(), "{file}: places");
                     for (found, truth) in pixels.samples.iter().zip(samples) {
                         let t = floats(truth);
-                        assert!(found[..2] == t[..2] && close(found[2], t[2], 1e-3), "{file}: {found:?} is not {t:?}");
+                        assert!(
+                            found[..2] == t[..2] && close(found[2], t[2], 1e-3),
+                            "{file}: {found:?} is not {t:?}"
+                        );
                     }
                 }
                 Kind::Picture(read) => check_picture(file, &read(&value).expect(file), truth),
@@ -125,8 +194,16 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                             (truth["width"].as_u64().unwrap(), truth["height"].as_u64().unwrap())
                         );
                         let k = floats(&truth["k"]);
-                        assert_eq!((camera.fx, camera.cx, camera.fy, camera.cy), (k[0], k[2], k[4], k[5]), "{file}");
-                        assert_eq!(camera.distortion.name(), truth["model"].as_str().unwrap(), "{file}");
+                        assert_eq!(
+                            (camera.fx, camera.cx, camera.fy, camera.cy),
+                            (k[0], k[2], k[4], k[5]),
+                            "{file}"
+                        );
+                        assert_eq!(
+                            camera.distortion.name(),
+                            truth["model"].as_str().unwrap(),
+                            "{file}"
+                        );
                         let d = floats(&truth["d"]);
                         assert_eq!(camera.distortion.coefficients()[..d.len()], d[..], "{file}");
                     }
@@ -138,24 +215,50 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                             (edge.parent.as_str(), edge.child.as_str()),
                             (truth["parent"].as_str().unwrap(), truth["child"].as_str().unwrap())
                         );
-                        assert!((edge.pose.translation.vector - nalgebra::Vector3::new(t[0], t[1], t[2])).norm() < 1e-12, "{file}");
+                        assert!(
+                            (edge.pose.translation.vector
+                                - nalgebra::Vector3::new(t[0], t[1], t[2]))
+                            .norm()
+                                < 1e-12,
+                            "{file}"
+                        );
                         let r = edge.pose.rotation;
-                        assert!(close(r.i, q[0], 1e-9) && close(r.j, q[1], 1e-9) && close(r.k, q[2], 1e-9) && close(r.w, q[3], 1e-9), "{file}");
+                        assert!(
+                            close(r.i, q[0], 1e-9)
+                                && close(r.j, q[1], 1e-9)
+                                && close(r.k, q[2], 1e-9)
+                                && close(r.w, q[3], 1e-9),
+                            "{file}"
+                        );
                     }
                 }
                 Kind::Attitude(read) => match read(&value).expect(file) {
                     None => assert!(truth.is_null(), "{file}: {i}"),
                     Some(r) => {
                         let q = floats(truth);
-                        assert!(close(r.i, q[0], 1e-6) && close(r.j, q[1], 1e-6) && close(r.k, q[2], 1e-6) && close(r.w, q[3], 1e-6), "{file}");
+                        assert!(
+                            close(r.i, q[0], 1e-6)
+                                && close(r.j, q[1], 1e-6)
+                                && close(r.k, q[2], 1e-6)
+                                && close(r.w, q[3], 1e-6),
+                            "{file}"
+                        );
                     }
                 },
                 Kind::LightSetting(read) => {
-                    let found: BTreeMap<&str, f64> = read(&value).expect(file).into_iter().collect();
-                    let ought: BTreeMap<&str, f64> = truth.as_object().unwrap().iter().map(|(k, v)| (k.as_str(), v.as_f64().unwrap())).collect();
+                    let found: BTreeMap<&str, f64> =
+                        read(&value).expect(file).into_iter().collect();
+                    let ought: BTreeMap<&str, f64> = truth
+                        .as_object()
+                        .unwrap()
+                        .iter()
+                        .map(|(k, v)| (k.as_str(), v.as_f64().unwrap()))
+                        .collect();
                     assert_eq!(found, ought, "{file}");
                 }
-                Kind::Ping(_, read) => check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth),
+                Kind::Ping(_, read) => {
+                    check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth)
+                }
             }
         }
     }
@@ -168,14 +271,18 @@ fn every_message_type_reads_as_its_writer_meant_it() {
 /// `docs/messages.md` is the table of types and of their logs; UNWATER_BLESS=1 writes it anew.
 fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
     let mut page = String::from(
-        "# Messages that are read\n\nMade from `src/messages/table.rs` and `sample_logs/messages` by `UNWATER_BLESS=1 cargo test --test messages`; do not edit.\n\n\
-         A channel is known by the fields of its schema, the first row that fits; names are compared without case and underscores. Encodings: [formats.md](formats.md#what-is-read).\n\
-         What the rig file can say instead: [rig.md](rig.md#rigtoml).\n\n\
-         | shape | used for | what is read | sample logs |\n| --- | --- | --- | --- |\n",
+        "# Messages that are read\n\nMade from `src/messages/table.rs` and `sample_logs/messages` \
+         by `UNWATER_BLESS=1 cargo test --test messages`; do not edit.\n\nA channel is known by \
+         the fields of its schema, the first row that fits; names are compared without case and \
+         underscores. Encodings: [formats.md](formats.md#what-is-read).\nWhat the rig file can \
+         say instead: [rig.md](rig.md#rigtoml).\n\n| shape | used for | what is read | sample \
+         logs |\n| --- | --- | --- | --- |\n",
     );
     for t in TYPES {
-        let files: Vec<String> = logs[t.name].iter().map(|f| format!("`{}`", f.trim_end_matches(".mcap"))).collect();
-        page += &format!("| `{}` | {} | {} | {} |\n", t.name, t.kind.word(), t.about, files.join(", "));
+        let files: Vec<String> =
+            logs[t.name].iter().map(|f| format!("`{}`", f.trim_end_matches(".mcap"))).collect();
+        page +=
+            &format!("| `{}` | {} | {} | {} |\n", t.name, t.kind.word(), t.about, files.join(", "));
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/messages.md");
     if std::env::var_os("UNWATER_BLESS").is_some() {
@@ -187,14 +294,26 @@ fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
     );
 }
 
-fn check_ping(file: &str, index: usize, ping: Option<unwater::vehicle::Ping>, entry: &Json, truth: &Json) {
-    let ranges: Vec<Option<f64>> = ping.iter().flat_map(|p| p.beams.iter().map(|b| b.range.map(|r| r.0))).collect();
+fn check_ping(
+    file: &str,
+    index: usize,
+    ping: Option<unwater::vehicle::Ping>,
+    entry: &Json,
+    truth: &Json,
+) {
+    let ranges: Vec<Option<f64>> =
+        ping.iter().flat_map(|p| p.beams.iter().map(|b| b.range.map(|r| r.0))).collect();
     let any = ranges.iter().flatten().count();
     if entry["kind"] == "altitude" {
-        let value = ping.and_then(|p| p.altitude.map(|a| a.0)).or(ranges.first().copied().flatten());
+        let value =
+            ping.and_then(|p| p.altitude.map(|a| a.0)).or(ranges.first().copied().flatten());
         match (value, truth.as_f64()) {
-            (Some(value), Some(truth)) => assert!(close(value, truth, 1e-6), "{file}: {value} is not {truth}"),
-            (value, truth) => assert_eq!(value.is_some(), truth.is_some(), "{file}: reading {index}"),
+            (Some(value), Some(truth)) => {
+                assert!(close(value, truth, 1e-6), "{file}: {value} is not {truth}")
+            }
+            (value, truth) => {
+                assert_eq!(value.is_some(), truth.is_some(), "{file}: reading {index}")
+            }
         }
     } else if truth.is_null() {
         assert_eq!(any, 0, "{file}: ping {index} has no bottom range");
@@ -202,26 +321,44 @@ fn check_ping(file: &str, index: usize, ping: Option<unwater::vehicle::Ping>, en
         assert_eq!(ranges.len(), truth["ranges_m"].as_array().unwrap().len(), "{file}: beams");
         for (range, truth) in ranges.iter().zip(truth["ranges_m"].as_array().unwrap()) {
             match (range, truth.as_f64()) {
-                (Some(range), Some(truth)) => assert!(close(*range, truth, 1e-6), "{file}: {range} is not {truth}"),
-                (range, truth) => assert_eq!(range.is_some(), truth.is_some(), "{file}: ping {index}"),
+                (Some(range), Some(truth)) => {
+                    assert!(close(*range, truth, 1e-6), "{file}: {range} is not {truth}")
+                }
+                (range, truth) => {
+                    assert_eq!(range.is_some(), truth.is_some(), "{file}: ping {index}")
+                }
             }
         }
         let ping = ping.expect(file);
         if let Some(directions) = truth["directions"].as_array() {
             for (beam, truth) in ping.beams.iter().zip(directions) {
                 let t = floats(truth);
-                assert!((beam.direction.vector() - nalgebra::Vector3::new(t[0], t[1], t[2])).norm() < 1e-5, "{file}");
+                assert!(
+                    (beam.direction.vector() - nalgebra::Vector3::new(t[0], t[1], t[2])).norm()
+                        < 1e-5,
+                    "{file}"
+                );
             }
         } else {
             // No vectors, or swapped ones: the A50's beams, 22.5° off the axis.
-            assert!(ping.beams.iter().all(|b| close(b.direction.vector().z, 22.5f64.to_radians().cos(), 1e-3)), "{file}");
+            assert!(
+                ping.beams.iter().all(|b| close(
+                    b.direction.vector().z,
+                    22.5f64.to_radians().cos(),
+                    1e-3
+                )),
+                "{file}"
+            );
         }
     }
 }
 
 #[test]
 fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
-    let expected: Json = serde_json::from_str(&std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap()).unwrap();
+    let expected: Json = serde_json::from_str(
+        &std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap(),
+    )
+    .unwrap();
     for (file, entry) in expected.as_object().expect("an object") {
         let (recording, messages) = read_log(file);
         let decoder = decoder(&recording, &messages[0], &rig(entry));
@@ -230,7 +367,11 @@ fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
             let read = decoder.read(&data[..cut]);
             // A protobuf message may end behind any of its fields.
             let may_end = recording.channels[&messages[0].channel].message_encoding == "protobuf";
-            assert!(may_end || read.is_err() || cut + 8 >= data.len(), "{file}: cut at {cut} of {}", data.len());
+            assert!(
+                may_end || read.is_err() || cut + 8 >= data.len(),
+                "{file}: cut at {cut} of {}",
+                data.len()
+            );
         }
         // Bytes turned over one at a time: whatever comes out, it comes out.
         let mut turned = data.to_vec();

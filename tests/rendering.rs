@@ -1,4 +1,5 @@
-//! Pictures that a scientist can trust: codes lead back to reflectance, and what cannot be trusted is marked and counted.
+//! Pictures that a scientist can trust: codes lead back to reflectance, and what cannot be trusted
+//! is marked and counted.
 #![allow(clippy::unwrap_used)]
 
 mod support;
@@ -15,7 +16,8 @@ fn dive() -> Dive {
     Dive { seed: 161, frames: 14, ..Dive::default() }
 }
 
-/// Much of the picture above the shoulder: 16 bits stay proportional, 8 bits lead back to the same light.
+/// Much of the picture above the shoulder: 16 bits stay proportional, 8 bits lead back to the same
+/// light.
 #[test]
 fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
     let folder = tempfile::tempdir().unwrap();
@@ -30,11 +32,20 @@ fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
     let bent = shown_again(&verdict.model, &eight, folder.path());
     let mut light = bent.clone();
     unbend(&mut light, 0.75);
-    let above = |pictures: &[LinearImage], from: f32| pictures.iter().flat_map(|p| &p.pixels).filter(|v| **v > from).count();
-    assert!(above(&bent, 0.76) > 20_000 && above(&bent, 0.999) < above(&deep, 0.999) / 5, "highlights are bent, not cut");
+    let above = |pictures: &[LinearImage], from: f32| {
+        pictures.iter().flat_map(|p| &p.pixels).filter(|v| **v > from).count()
+    };
+    assert!(
+        above(&bent, 0.76) > 20_000 && above(&bent, 0.999) < above(&deep, 0.999) / 5,
+        "highlights are bent, not cut"
+    );
     let (mut worst, mut moved) = (0f32, 0f32);
-    for (is, shown, ought) in
-        light.iter().zip(&bent).zip(&deep).flat_map(|((l, b), d)| l.pixels.iter().zip(&b.pixels).zip(&d.pixels)).map(|((l, b), d)| (l, b, d))
+    for (is, shown, ought) in light
+        .iter()
+        .zip(&bent)
+        .zip(&deep)
+        .flat_map(|((l, b), d)| l.pixels.iter().zip(&b.pixels).zip(&d.pixels))
+        .map(|((l, b), d)| (l, b, d))
     {
         if (0.1..0.99).contains(ought) {
             worst = worst.max((is / ought - 1.0).abs());
@@ -43,7 +54,8 @@ fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
     }
     assert!(worst < 0.05 && moved > 0.07, "{worst} off after the way back, {moved} before");
 
-    // The stated gain: divided by it, light is reflectance but for one factor, and the log's own scale.
+    // The stated gain: divided by it, light is reflectance but for one factor, and the log's own
+    // scale.
     let ratio = |frame: usize, band: usize| {
         let mut ratios: Vec<f64> = deep[frame]
             .pixels
@@ -57,7 +69,10 @@ fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
         support::judge::median(&mut ratios)
     };
     // The strobe is white here, so the bands agree too, as far as α does.
-    let all: Vec<f64> = (0..deep.len()).flat_map(|f| (0..3).map(move |b| (f, b))).map(|(f, b)| ratio(f, b)).collect();
+    let all: Vec<f64> = (0..deep.len())
+        .flat_map(|f| (0..3).map(move |b| (f, b)))
+        .map(|(f, b)| ratio(f, b))
+        .collect();
     let (least, most) = all.iter().fold((f64::INFINITY, 0f64), |(l, m), v| (l.min(*v), m.max(*v)));
     assert!(most / least < 1.12, "{least} to {most}");
 
@@ -88,14 +103,25 @@ fn the_mask_says_what_the_account_says() {
         options.config.render.rectify = rectify;
         let (report, masks) = mask_of(folder.path(), &options);
         assert_eq!(masks.len(), dive().frames);
-        assert_eq!((masks[0].width, masks[0].height, masks[0].bands), (dive().width, dive().height, 1));
-        let codes: Vec<u8> =
-            masks.iter().flat_map(|m| &m.pixels).map(|v| (unwater::image::transfer::srgb_encode(f64::from(*v)) * 255.0).round() as u8).collect();
-        let share = |bit: u8| codes.iter().filter(|c| **c & bit != 0).count() as f64 / codes.len() as f64;
+        assert_eq!(
+            (masks[0].width, masks[0].height, masks[0].bands),
+            (dive().width, dive().height, 1)
+        );
+        let codes: Vec<u8> = masks
+            .iter()
+            .flat_map(|m| &m.pixels)
+            .map(|v| (unwater::image::transfer::srgb_encode(f64::from(*v)) * 255.0).round() as u8)
+            .collect();
+        let share =
+            |bit: u8| codes.iter().filter(|c| **c & bit != 0).count() as f64 / codes.len() as f64;
         let capped = report.mean_shares["gain_capped"];
         assert!(capped > 0.1 && (share(2) / capped - 1.0).abs() < 0.05, "{} {capped}", share(2));
         let clipped = report.mean_shares["clipped_input"];
-        assert!(clipped > 0.001 && share(1) > clipped && share(1) < 25.0 * clipped, "{} {clipped}", share(1));
+        assert!(
+            clipped > 0.001 && share(1) > clipped && share(1) < 25.0 * clipped,
+            "{} {clipped}",
+            share(1)
+        );
         // Counted on nodes, of which the last lie beyond the edge.
         let unseen = report.mean_shares["unseen_beam"];
         assert!((share(8) - unseen).abs() < 0.01 + 0.15 * unseen, "{} {unseen}", share(8));
@@ -104,7 +130,8 @@ fn the_mask_says_what_the_account_says() {
     }
 }
 
-/// Fewer electrons, more noise: what is too near to it is counted, also without anyone's data sheet.
+/// Fewer electrons, more noise: what is too near to it is counted, also without anyone's data
+/// sheet.
 #[test]
 fn light_near_its_noise_is_counted() {
     let folder = tempfile::tempdir().unwrap();
@@ -113,6 +140,13 @@ fn light_near_its_noise_is_counted() {
         let options = Options { rig: toml::from_str(rig).unwrap(), ..Options::default() };
         mask_of(folder.path(), &options).0.mean_shares["low_signal"]
     };
-    let (unknown, told, starved) = (low(""), low("[camera]\nfull_well_e = 15000.0\nread_noise_e = 5.0\n"), low("[camera]\nfull_well_e = 600.0\n"));
-    assert!(unknown < 0.05 && unknown < told && told + 0.1 < starved && starved < 1.0, "{unknown} {told} {starved}");
+    let (unknown, told, starved) = (
+        low(""),
+        low("[camera]\nfull_well_e = 15000.0\nread_noise_e = 5.0\n"),
+        low("[camera]\nfull_well_e = 600.0\n"),
+    );
+    assert!(
+        unknown < 0.05 && unknown < told && told + 0.1 < starved && starved < 1.0,
+        "{unknown} {told} {starved}"
+    );
 }

@@ -16,22 +16,102 @@ struct Goal {
 
 /// Errors are the largest over all seeds and bands; what pictures show is the mean over the seeds.
 const GOALS: &[Goal] = &[
-    Goal { quantity: "α, 16 bit [1/m]", case: CLEAR, must: 0.01, aim: 0.004, at_most: true, measure: |j, _| alpha(j) },
-    Goal { quantity: "α, JPEG [1/m]", case: JPEG, must: 0.015, aim: 0.006, at_most: true, measure: |j, _| alpha(j) },
     Goal {
-        quantity: "α_R − α_G, α_G − α_B, 16 bit [1/m]", case: CLEAR, must: 0.005, aim: 0.002, at_most: true, measure: |j, _| differences(j)
+        quantity: "α, 16 bit [1/m]",
+        case: CLEAR,
+        must: 0.01,
+        aim: 0.004,
+        at_most: true,
+        measure: |j, _| alpha(j),
     },
-    Goal { quantity: "α_R − α_G, α_G − α_B, JPEG [1/m]", case: JPEG, must: 0.005, aim: 0.002, at_most: true, measure: |j, _| differences(j) },
     Goal {
-        quantity: "α with backscatter, relative", case: "backscatter 10 %", must: 0.10, aim: 0.05, at_most: true, measure: |j, _| alpha_share(j)
+        quantity: "α, JPEG [1/m]",
+        case: JPEG,
+        must: 0.015,
+        aim: 0.006,
+        at_most: true,
+        measure: |j, _| alpha(j),
     },
-    Goal { quantity: "spreading exponent", case: "exponent fitted", must: 0.2, aim: 0.1, at_most: true, measure: |j, _| largest(j, exponent_off) },
-    Goal { quantity: "95 % interval holds, 16 bit", case: CLEAR, must: 0.88, aim: 0.93, at_most: false, measure: |j, _| held(j) },
-    Goal { quantity: "95 % interval holds, JPEG", case: JPEG, must: 0.88, aim: 0.93, at_most: false, measure: |j, _| held(j) },
-    Goal { quantity: "log BP RMSE", case: CLEAR, must: 0.05, aim: 0.02, at_most: true, measure: |j, _| largest(j, |o| o.verdict.beam_log_rmse) },
-    Goal { quantity: "same-point scatter, raw over corrected, R", case: CLEAR, must: 5.0, aim: 7.0, at_most: false, measure: |j, _| gain(j, 0) },
-    Goal { quantity: "the same, G", case: CLEAR, must: 5.0, aim: 10.0, at_most: false, measure: |j, _| gain(j, 1) },
-    Goal { quantity: "the same, B", case: CLEAR, must: 5.0, aim: 10.0, at_most: false, measure: |j, _| gain(j, 2) },
+    Goal {
+        quantity: "α_R − α_G, α_G − α_B, 16 bit [1/m]",
+        case: CLEAR,
+        must: 0.005,
+        aim: 0.002,
+        at_most: true,
+        measure: |j, _| differences(j),
+    },
+    Goal {
+        quantity: "α_R − α_G, α_G − α_B, JPEG [1/m]",
+        case: JPEG,
+        must: 0.005,
+        aim: 0.002,
+        at_most: true,
+        measure: |j, _| differences(j),
+    },
+    Goal {
+        quantity: "α with backscatter, relative",
+        case: "backscatter 10 %",
+        must: 0.10,
+        aim: 0.05,
+        at_most: true,
+        measure: |j, _| alpha_share(j),
+    },
+    Goal {
+        quantity: "spreading exponent",
+        case: "exponent fitted",
+        must: 0.2,
+        aim: 0.1,
+        at_most: true,
+        measure: |j, _| largest(j, exponent_off),
+    },
+    Goal {
+        quantity: "95 % interval holds, 16 bit",
+        case: CLEAR,
+        must: 0.88,
+        aim: 0.93,
+        at_most: false,
+        measure: |j, _| held(j),
+    },
+    Goal {
+        quantity: "95 % interval holds, JPEG",
+        case: JPEG,
+        must: 0.88,
+        aim: 0.93,
+        at_most: false,
+        measure: |j, _| held(j),
+    },
+    Goal {
+        quantity: "log BP RMSE",
+        case: CLEAR,
+        must: 0.05,
+        aim: 0.02,
+        at_most: true,
+        measure: |j, _| largest(j, |o| o.verdict.beam_log_rmse),
+    },
+    Goal {
+        quantity: "same-point scatter, raw over corrected, R",
+        case: CLEAR,
+        must: 5.0,
+        aim: 7.0,
+        at_most: false,
+        measure: |j, _| gain(j, 0),
+    },
+    Goal {
+        quantity: "the same, G",
+        case: CLEAR,
+        must: 5.0,
+        aim: 10.0,
+        at_most: false,
+        measure: |j, _| gain(j, 1),
+    },
+    Goal {
+        quantity: "the same, B",
+        case: CLEAR,
+        must: 5.0,
+        aim: 10.0,
+        at_most: false,
+        measure: |j, _| gain(j, 2),
+    },
     Goal {
         quantity: "the same, Eq. 14 over corrected, least band",
         case: CLEAR,
@@ -48,8 +128,22 @@ const GOALS: &[Goal] = &[
         at_most: false,
         measure: |j, _| over_range_average(j),
     },
-    Goal { quantity: "ΔE00, median", case: CLEAR, must: 4.0, aim: 2.5, at_most: true, measure: |j, _| mean(j, |o| o.shown.delta_e_median) },
-    Goal { quantity: "ΔE00, 95th percentile", case: CLEAR, must: 12.0, aim: 8.0, at_most: true, measure: |j, _| mean(j, |o| o.shown.delta_e_95) },
+    Goal {
+        quantity: "ΔE00, median",
+        case: CLEAR,
+        must: 4.0,
+        aim: 2.5,
+        at_most: true,
+        measure: |j, _| mean(j, |o| o.shown.delta_e_median),
+    },
+    Goal {
+        quantity: "ΔE00, 95th percentile",
+        case: CLEAR,
+        must: 12.0,
+        aim: 8.0,
+        at_most: true,
+        measure: |j, _| mean(j, |o| o.shown.delta_e_95),
+    },
     Goal {
         quantity: "ΔE00, median, 8 bit out",
         case: CLEAR,
@@ -64,7 +158,9 @@ const GOALS: &[Goal] = &[
         must: 1.0,
         aim: 0.5,
         at_most: true,
-        measure: |j, flat| mean(j, |o| o.shown.delta_e_median) - mean(flat, |o| o.shown.delta_e_median),
+        measure: |j, flat| {
+            mean(j, |o| o.shown.delta_e_median) - mean(flat, |o| o.shown.delta_e_median)
+        },
     },
     Goal {
         quantity: "strobe that was not given [m]",
@@ -74,8 +170,22 @@ const GOALS: &[Goal] = &[
         at_most: true,
         measure: |j, _| largest(j, strobe_off),
     },
-    Goal { quantity: "frames at half power: found", case: DROPS, must: 0.95, aim: 0.95, at_most: false, measure: |j, _| found(j) },
-    Goal { quantity: "frames at half power: α moves by, relative", case: DROPS, must: 0.02, aim: 0.01, at_most: true, measure: moved },
+    Goal {
+        quantity: "frames at half power: found",
+        case: DROPS,
+        must: 0.95,
+        aim: 0.95,
+        at_most: false,
+        measure: |j, _| found(j),
+    },
+    Goal {
+        quantity: "frames at half power: α moves by, relative",
+        case: DROPS,
+        must: 0.02,
+        aim: 0.01,
+        at_most: true,
+        measure: moved,
+    },
     Goal {
         quantity: "α of any frame where it drifts, relative",
         case: "α drifts by 30 %",
@@ -92,9 +202,13 @@ const DROPS: &str = "5 % at half power";
 
 /// Prints the goals whose cases were run.
 pub fn print(cases: &[(&'static str, Vec<Judged>)], json: bool) {
-    let of = |name: &str| cases.iter().find(|(case, _)| *case == name).map(|(_, judged)| judged.as_slice());
+    let of = |name: &str| {
+        cases.iter().find(|(case, _)| *case == name).map(|(_, judged)| judged.as_slice())
+    };
     if !json {
-        println!("\n| quantity | case | must | aim | is | |\n| --- | --- | --- | --- | --- | --- |");
+        println!(
+            "\n| quantity | case | must | aim | is | |\n| --- | --- | --- | --- | --- | --- |"
+        );
     }
     for goal in GOALS {
         let Some(judged) = of(goal.case) else { continue };
@@ -114,7 +228,10 @@ pub fn print(cases: &[(&'static str, Vec<Judged>)], json: bool) {
             println!("{line}");
         } else {
             let sign = if goal.at_most { "≤" } else { "≥" };
-            println!("| {} | {} | {sign} {} | {sign} {} | {is:.4} | {word} |", goal.quantity, goal.case, goal.must, goal.aim);
+            println!(
+                "| {} | {} | {sign} {} | {sign} {} | {is:.4} | {word} |",
+                goal.quantity, goal.case, goal.must, goal.aim
+            );
         }
     }
 }
@@ -125,11 +242,16 @@ fn mean(judged: &[Judged], of: impl Fn(&Outcome) -> f64) -> f64 {
 
 fn largest(judged: &[Judged], of: impl Fn(&Outcome) -> f64) -> f64 {
     // Not `f64::max`, to which what was not measured is nothing at all.
-    judged.iter().map(|j| of(&j.0)).fold(0.0, |most, v| if v > most || v.is_nan() { v } else { most })
+    judged
+        .iter()
+        .map(|j| of(&j.0))
+        .fold(0.0, |most, v| if v > most || v.is_nan() { v } else { most })
 }
 
 fn alpha(judged: &[Judged]) -> f64 {
-    largest(judged, |o| o.verdict.attenuation_error_per_m.iter().map(|e| e.abs()).fold(0.0, f64::max))
+    largest(judged, |o| {
+        o.verdict.attenuation_error_per_m.iter().map(|e| e.abs()).fold(0.0, f64::max)
+    })
 }
 
 fn alpha_share(judged: &[Judged]) -> f64 {
@@ -140,14 +262,25 @@ fn alpha_share(judged: &[Judged]) -> f64 {
 }
 
 fn differences(judged: &[Judged]) -> f64 {
-    largest(judged, |o| o.verdict.attenuation_error_per_m.windows(2).map(|e| (e[0] - e[1]).abs()).fold(0.0, f64::max))
+    largest(judged, |o| {
+        o.verdict
+            .attenuation_error_per_m
+            .windows(2)
+            .map(|e| (e[0] - e[1]).abs())
+            .fold(0.0, f64::max)
+    })
 }
 
 /// Share of seeds and bands whose estimate ± 1.96 standard deviations holds the truth.
 pub fn held(judged: &[Judged]) -> f64 {
     mean(judged, |o| {
         let v = &o.verdict;
-        let holds = v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m).filter(|(e, s)| e.abs() <= 1.96 * **s).count();
+        let holds = v
+            .attenuation_error_per_m
+            .iter()
+            .zip(&v.attenuation_std_per_m)
+            .filter(|(e, s)| e.abs() <= 1.96 * **s)
+            .count();
         holds as f64 / v.attenuation_error_per_m.len() as f64
     })
 }
@@ -157,15 +290,22 @@ fn gain(judged: &[Judged], band: usize) -> f64 {
 }
 
 fn least_band(judged: &[Judged], of: impl Fn(&Outcome, usize) -> f64) -> f64 {
-    (0..3).map(|b| mean(judged, |o| of(o, b))).fold(f64::INFINITY, |least, v| if v < least || v.is_nan() { v } else { least })
+    (0..3)
+        .map(|b| mean(judged, |o| of(o, b)))
+        .fold(f64::INFINITY, |least, v| if v < least || v.is_nan() { v } else { least })
 }
 
 fn over_frame_average(judged: &[Judged]) -> f64 {
-    least_band(judged, |o, b| o.of("frame-average").map_or(f64::NAN, |s| s.scatter[b]) / o.shown.scatter[b])
+    least_band(judged, |o, b| {
+        o.of("frame-average").map_or(f64::NAN, |s| s.scatter[b]) / o.shown.scatter[b]
+    })
 }
 
 fn over_range_average(judged: &[Judged]) -> f64 {
-    least_band(judged, |o, b| o.of("range-average").map_or(f64::NAN, |s| s.scatter_over_spread[b]) / o.shown.scatter_over_spread[b])
+    least_band(judged, |o, b| {
+        o.of("range-average").map_or(f64::NAN, |s| s.scatter_over_spread[b])
+            / o.shown.scatter_over_spread[b]
+    })
 }
 
 /// Frames at half power: there, of them found, and found where there is none.

@@ -1,4 +1,5 @@
-//! One function per command: run it, say what came of it. Results go to stdout, everything else to stderr.
+//! One function per command: run it, say what came of it. Results go to stdout, everything else to
+//! stderr.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -8,7 +9,10 @@ use serde_json::json;
 use super::paint::Paint;
 use super::progress::Bar;
 use super::summary;
-use super::{Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect, RenderOptions, init, layout, look, papers};
+use super::{
+    Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect,
+    RenderOptions, init, layout, look, papers,
+};
 use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
@@ -56,24 +60,38 @@ fn correct(args: &Correct) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
     let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "corrected.mcap"));
     if output.as_os_str() == "-" {
-        return Err(Error::Usage("a corrected log is written under another name first, and so not to stdout: name a file with -o".into()));
+        return Err(Error::Usage(
+            "a corrected log is written under another name first, and so not to stdout: name a \
+             file with -o"
+                .into(),
+        ));
     }
     for read in [&args.model, &args.shared.rig, &args.shared.config].into_iter().flatten() {
         crate::recording::ensure_distinct(read, &output, true)?;
     }
     let model = model_file(args.model.as_deref())?;
     if model.is_some() && args.estimate != EstimateOptions::default() && !args.shared.quiet {
-        complain(&["options of estimating do nothing with --model: the model says how it was made".into()], &[], 0);
+        complain(
+            &["options of estimating do nothing with --model: the model says how it was made"
+                .into()],
+            &[],
+            0,
+        );
     }
     let (given, begun) = (model.is_some(), std::time::Instant::now());
-    let cameras = pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
+    let cameras =
+        pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
     for (report, _) in &cameras {
         if !args.shared.quiet {
             complain(&report.warnings, &report.remarks, args.shared.verbose);
         }
         // Losses are said in any case: they are why the exit status is 3.
         for damage in &report.damage {
-            let when = if damage.end_ns == 0 { "time unknown".into() } else { format!("log time {} to {}", damage.start_ns, damage.end_ns) };
+            let when = if damage.end_ns == 0 {
+                "time unknown".into()
+            } else {
+                format!("log time {} to {}", damage.start_ns, damage.end_ns)
+            };
             eprintln!("lost: {} (byte {}, {when})", damage.reason, damage.offset);
         }
         for (reason, frames) in report.uncorrected.iter().filter(|_| args.shared.quiet) {
@@ -99,18 +117,33 @@ fn correct(args: &Correct) -> Result<Ended> {
                 }
                 say(&summary::summary(report, model, given, took, paint));
             }
-            let sum = |count: fn(&Report) -> u64| cameras.iter().map(|(report, _)| count(report)).sum();
-            say(&summary::written(sum(|r| r.messages_copied), sum(|r| r.messages_added), &output, paint));
+            let sum =
+                |count: fn(&Report) -> u64| cameras.iter().map(|(report, _)| count(report)).sum();
+            say(&summary::written(
+                sum(|r| r.messages_copied),
+                sum(|r| r.messages_added),
+                &output,
+                paint,
+            ));
         }
     }
-    Ok(if cameras.iter().any(|(report, _)| report.has_losses()) { Ended::DoneWithLosses } else { Ended::Done })
+    Ok(if cameras.iter().any(|(report, _)| report.has_losses()) {
+        Ended::DoneWithLosses
+    } else {
+        Ended::Done
+    })
 }
 
 /// The model of `--model`.
 pub(super) fn model_file(path: Option<&Path>) -> Result<Option<ModelFile>> {
     let Some(path) = path else { return Ok(None) };
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.into(), source })?;
-    ModelFile::from_json(&text).map(Some).map_err(|reason| Error::BadFile { path: path.into(), what: "not a model", reason })
+    let text = std::fs::read_to_string(path)
+        .map_err(|source| Error::Read { path: path.into(), source })?;
+    ModelFile::from_json(&text).map(Some).map_err(|reason| Error::BadFile {
+        path: path.into(),
+        what: "not a model",
+        reason,
+    })
 }
 
 fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
@@ -134,12 +167,16 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
         }
     }
     let inputs: Vec<&Path> = args.inputs.iter().map(PathBuf::as_path).collect();
-    let (model, warnings) = pipeline::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
+    let (model, warnings) =
+        pipeline::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
     if !args.shared.quiet {
         complain(&warnings, &[], args.shared.verbose);
         complain(&model.warnings, &[], args.shared.verbose);
         if let Some(why) = &model.not_identified_because {
-            eprintln!("{} attenuation is not identified: {why}", Paint::of_stderr().warning("warning:"));
+            eprintln!(
+                "{} attenuation is not identified: {why}",
+                Paint::of_stderr().warning("warning:")
+            );
         }
     }
     if to_stdout {
@@ -148,7 +185,11 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
     }
     write_text(&output, &model.to_json())?;
     if !args.shared.quiet {
-        say(&format!("attenuation  {}\nwritten      {}\n", summary::attenuation(&model, Paint::of_stdout()), output.display()));
+        say(&format!(
+            "attenuation  {}\nwritten      {}\n",
+            summary::attenuation(&model, Paint::of_stdout()),
+            output.display()
+        ));
     }
     Ok(Ended::Done)
 }
@@ -160,7 +201,11 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
 
 fn config(args: &ConfigArgs) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
-    say(&(options.config.to_commented_toml() + &pipeline::memory::table(&options.config, pipeline::Threads::new(options.threads).count())));
+    say(&(options.config.to_commented_toml()
+        + &pipeline::memory::table(
+            &options.config,
+            pipeline::Threads::new(options.threads).count(),
+        )));
     Ok(Ended::Done)
 }
 
@@ -170,7 +215,12 @@ fn inspect(args: &Inspect) -> Result<Ended> {
         Err(Error::Empty { .. }) if options.window.is_none() => {
             let recording = Recording::open(&args.input)?;
             let threads = pipeline::Threads::new(options.threads);
-            let scan = pipeline::scan::scan(&recording, crate::recording::Window::ALL, &options.rig.dvl, &threads)?;
+            let scan = pipeline::scan::scan(
+                &recording,
+                crate::recording::Window::ALL,
+                &options.rig.dvl,
+                &threads,
+            )?;
             (recording, scan)
         }
         other => other?,
@@ -198,12 +248,19 @@ fn inspect(args: &Inspect) -> Result<Ended> {
         .collect();
     let damage = scan.damage.clone();
     let (messages, span) = (scan.messages, scan.span);
-    let survey = survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
-    let survey = survey.and_then(|s| pipeline::ensure_not_corrected(&recording, &s, &options.config, None).map(|()| s));
+    let survey =
+        survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
+    let survey = survey.and_then(|s| {
+        pipeline::ensure_not_corrected(&recording, &s, &options.config, None).map(|()| s)
+    });
     let (plans, missing) = match survey {
-        Ok(survey) if args.clocks => each_plan(&args.input, &options, vec![survey.camera_topic], true),
+        Ok(survey) if args.clocks => {
+            each_plan(&args.input, &options, vec![survey.camera_topic], true)
+        }
         Ok(survey) => (vec![plan(&survey, &options)], Vec::new()),
-        Err(Error::SeveralCameras { topics }) => each_plan(&args.input, &options, topics, args.clocks),
+        Err(Error::SeveralCameras { topics }) => {
+            each_plan(&args.input, &options, topics, args.clocks)
+        }
         Err(e) => (Vec::new(), vec![e.to_string()]),
     };
     let document = json!({
@@ -234,7 +291,12 @@ fn inspect(args: &Inspect) -> Result<Ended> {
 }
 
 /// What would be done with each camera of a log that has several, and what keeps others from it.
-fn each_plan(input: &Path, options: &Options, topics: Vec<String>, with_clocks: bool) -> (Vec<serde_json::Value>, Vec<String>) {
+fn each_plan(
+    input: &Path,
+    options: &Options,
+    topics: Vec<String>,
+    with_clocks: bool,
+) -> (Vec<serde_json::Value>, Vec<String>) {
     let (mut plans, mut missing) = (Vec::new(), Vec::new());
     for topic in topics {
         let mut chosen = options.clone();
@@ -255,14 +317,22 @@ fn each_plan(input: &Path, options: &Options, topics: Vec<String>, with_clocks: 
 
 /// What would be done with a camera.
 fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
-    let planes: Vec<_> = s.frames.iter().map(|f| s.pings.seafloor(f.stamp, &s.rig, &options.config.seafloor)).collect();
-    let altitudes: Vec<f64> =
-        planes.iter().flatten().map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector())).collect();
+    let planes: Vec<_> = s
+        .frames
+        .iter()
+        .map(|f| s.pings.seafloor(f.stamp, &s.rig, &options.config.seafloor))
+        .collect();
+    let altitudes: Vec<f64> = planes
+        .iter()
+        .flatten()
+        .map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector()))
+        .collect();
     let container = output_container(s.container, &options.config);
     let (pixels, source_bytes) = s.picture;
     let threads = pipeline::Threads::new(options.threads).count();
     let pass_one_frames = s.frames.len().min(options.config.estimate.max_frames);
-    let memory = Load { threads, pixels, source_bytes, pass_one_frames }.bound(&options.config).total();
+    let memory =
+        Load { threads, pixels, source_bytes, pass_one_frames }.bound(&options.config).total();
     json!({
         "camera": s.camera_topic,
         "frames": s.frames.len(),
@@ -285,34 +355,73 @@ fn inspect_text(d: &serde_json::Value) -> String {
     let mut text = String::new();
     let mut line = |l: String| text += &(l + "\n");
     let word = |v: &serde_json::Value| v.as_str().unwrap_or("").to_string();
-    let seconds = d["end_ns"].as_u64().unwrap_or(0).saturating_sub(d["start_ns"].as_u64().unwrap_or(0)) as f64 * 1e-9;
-    line(format!("{}: {} messages over {seconds:.1} s, {} chunks, profile {:?}", word(&d["file"]), d["messages"], d["chunks"], word(&d["profile"])));
+    let seconds =
+        d["end_ns"].as_u64().unwrap_or(0).saturating_sub(d["start_ns"].as_u64().unwrap_or(0))
+            as f64
+            * 1e-9;
+    line(format!(
+        "{}: {} messages over {seconds:.1} s, {} chunks, profile {:?}",
+        word(&d["file"]),
+        d["messages"],
+        d["chunks"],
+        word(&d["profile"])
+    ));
     let list = |v: &serde_json::Value| v.as_array().cloned().unwrap_or_default();
     let width = list(&d["channels"]).iter().map(|c| word(&c["topic"]).len()).max().unwrap_or(0);
     for c in list(&d["channels"]) {
-        let read = c["read_as"].as_str().map_or_else(|| "copied".into(), |r| format!("read as {r}"));
+        let read =
+            c["read_as"].as_str().map_or_else(|| "copied".into(), |r| format!("read as {r}"));
         let description = word(&c["description"]);
         let more = if description.is_empty() { String::new() } else { format!(", {description}") };
-        line(format!("  {:<width$}  {:>8}  {:<42} {read}{more}", word(&c["topic"]), c["messages"].as_u64().unwrap_or(0), word(&c["schema"])));
+        line(format!(
+            "  {:<width$}  {:>8}  {:<42} {read}{more}",
+            word(&c["topic"]),
+            c["messages"].as_u64().unwrap_or(0),
+            word(&c["schema"])
+        ));
         if let Some(complaint) = c["complaint"].as_str() {
-            line(format!("  {:<width$}            {} unreadable: {complaint}", "", c["unreadable"]));
+            line(format!(
+                "  {:<width$}            {} unreadable: {complaint}",
+                "", c["unreadable"]
+            ));
         }
     }
     for note in list(&d["notes"]) {
         line(format!("note: {}", word(&note)));
     }
     for damage in list(&d["damage"]) {
-        let when = if damage["end_ns"] == 0 { "time unknown".into() } else { format!("log time {} to {}", damage["start_ns"], damage["end_ns"]) };
+        let when = if damage["end_ns"] == 0 {
+            "time unknown".into()
+        } else {
+            format!("log time {} to {}", damage["start_ns"], damage["end_ns"])
+        };
         line(format!("damage: {} (byte {}, {when})", word(&damage["reason"]), damage["offset"]));
     }
     for plan in list(&d["plans"]) {
         let range = plan["camera_altitude_m"].as_array().map_or_else(String::new, |r| {
-            format!(", camera {:.2} to {:.2} m above it", r[0].as_f64().unwrap_or(f64::NAN), r[1].as_f64().unwrap_or(f64::NAN))
+            format!(
+                ", camera {:.2} to {:.2} m above it",
+                r[0].as_f64().unwrap_or(f64::NAN),
+                r[1].as_f64().unwrap_or(f64::NAN)
+            )
         });
-        line(format!("would correct {} ({} frames) into {}", word(&plan["camera"]), plan["frames"], word(&plan["corrected_topic"])));
-        line(format!("  seafloor from {} ({} pings): below {} frames{range}", word(&plan["dvl"]), plan["pings"], plan["frames_with_seafloor"]));
+        line(format!(
+            "would correct {} ({} frames) into {}",
+            word(&plan["camera"]),
+            plan["frames"],
+            word(&plan["corrected_topic"])
+        ));
+        line(format!(
+            "  seafloor from {} ({} pings): below {} frames{range}",
+            word(&plan["dvl"]),
+            plan["pings"],
+            plan["frames_with_seafloor"]
+        ));
         line(format!("  attitude from {}", plan["attitude"].as_str().unwrap_or("nothing")));
-        line(format!("  strobe from {}", plan["strobe"].as_str().unwrap_or("nothing: taken to sit at the camera")));
+        line(format!(
+            "  strobe from {}",
+            plan["strobe"].as_str().unwrap_or("nothing: taken to sit at the camera")
+        ));
         let memory = plan["memory_at_most_bytes"].as_f64().unwrap_or(f64::NAN) / 1e6;
         line(format!("  memory at most {memory:.0} MB with {} threads", plan["threads"]));
         for clock in list(&plan["clocks"]) {
@@ -327,7 +436,10 @@ fn inspect_text(d: &serde_json::Value) -> String {
     }
     if let Some(missing) = d["missing"].as_str() {
         line(format!("cannot be corrected as it is: {missing}"));
-        line(format!("types that are read: {}", TYPES.iter().map(|t| t.name).collect::<Vec<_>>().join(", ")));
+        line(format!(
+            "types that are read: {}",
+            TYPES.iter().map(|t| t.name).collect::<Vec<_>>().join(", ")
+        ));
     }
     text
 }

@@ -30,8 +30,14 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
     let (recording, mut scan) = pipeline::open(input, options)?;
     match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
         Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), s.warnings)),
-        Err(e @ (Error::NoMount { .. } | Error::NoCalibration { .. } | Error::NoRanges { .. } | Error::Rig(_))) => {
-            // Take what can be had with a stand-in for what is missing, and leave that open in the file.
+        Err(
+            e @ (Error::NoMount { .. }
+            | Error::NoCalibration { .. }
+            | Error::NoRanges { .. }
+            | Error::Rig(_)),
+        ) => {
+            // Take what can be had with a stand-in for what is missing, and leave that open in the
+            // file.
             let mut stand_in = options.clone();
             let (mut open_camera, mut open_dvl) = (false, false);
             let mut last = e;
@@ -43,14 +49,23 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                         open_camera = true;
                     }
                     Error::NoMount { .. } => {
-                        stand_in.rig.dvl.mount =
-                            Some(MountFacts { translation_m: [0.0; 3], rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]), roll_pitch_yaw_deg: None });
+                        stand_in.rig.dvl.mount = Some(MountFacts {
+                            translation_m: [0.0; 3],
+                            rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
+                            roll_pitch_yaw_deg: None,
+                        });
                         open_dvl = true;
                     }
                     _ => break,
                 }
                 let (recording, mut scan) = pipeline::open(input, &stand_in)?;
-                match survey::survey(&recording, &mut scan, &stand_in.selection, &stand_in.rig, &stand_in.config) {
+                match survey::survey(
+                    &recording,
+                    &mut scan,
+                    &stand_in.selection,
+                    &stand_in.rig,
+                    &stand_in.config,
+                ) {
                     Ok(s) => {
                         let mut facts = survey::rig_facts(&s.rig, &options.rig);
                         if open_camera {
@@ -70,22 +85,36 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                 }
             }
             let (recording, scan) = pipeline::open(input, options)?;
-            Ok((survey::facts_without_ranges(&recording, &scan, &options.selection, &options.rig), vec![last.to_string()]))
+            Ok((
+                survey::facts_without_ranges(&recording, &scan, &options.selection, &options.rig),
+                vec![last.to_string()],
+            ))
         }
         Err(e) => Err(e),
     }
 }
 
 fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
-    let mut text = format!("# The rig of {}, for `unwater --rig`. What stands here wins over the log.\n", input.display());
+    let mut text = format!(
+        "# The rig of {}, for `unwater --rig`. What stands here wins over the log.\n",
+        input.display()
+    );
     for note in notes {
         text += &format!("# note: {note}\n");
     }
     let mut put = |line: &str| text += &(line.to_string() + "\n");
     let number = |name: &str, v: Option<f64>, unit: &str| {
-        v.map_or_else(|| format!("# {name} =   # FILL IN [{unit}]"), |v| format!("{name} = {v:?}  # [{unit}]"))
+        v.map_or_else(
+            || format!("# {name} =   # FILL IN [{unit}]"),
+            |v| format!("{name} = {v:?}  # [{unit}]"),
+        )
     };
-    let count = |name: &str, v: Option<usize>| v.map_or_else(|| format!("# {name} =   # FILL IN [px]"), |v| format!("{name} = {v}  # [px]"));
+    let count = |name: &str, v: Option<usize>| {
+        v.map_or_else(
+            || format!("# {name} =   # FILL IN [px]"),
+            |v| format!("{name} = {v}  # [px]"),
+        )
+    };
     let c = &facts.camera;
     put("\n[camera]\n# calibration in water, for pictures of this size");
     put(&count("width", c.width));
@@ -95,14 +124,17 @@ fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
     }
     match (&c.distortion_model, &c.distortion) {
         (Some(model), Some(d)) => {
-            put(&format!("distortion_model = {model:?}  # plumb_bob, rational_polynomial, equidistant, fisheye62\ndistortion = {d:?}"));
+            put(&format!(
+                "distortion_model = {model:?}  # plumb_bob, rational_polynomial, equidistant, \
+                 fisheye62\ndistortion = {d:?}"
+            ));
         }
-        _ => put("# distortion_model = \"plumb_bob\"  # or rational_polynomial, equidistant, fisheye62\n# distortion = [0.0, 0.0, 0.0, 0.0, 0.0]"),
+        _ => put("# distortion_model = \"plumb_bob\"  # or rational_polynomial, equidistant, \
+                  fisheye62\n# distortion = [0.0, 0.0, 0.0, 0.0, 0.0]"),
     }
     if c.fx.is_none() {
-        put(
-            "# or, where there is no calibration, the field of view in water, as it is seen in the pictures:\n# horizontal_field_of_view_deg =   # FILL IN [deg]",
-        );
+        put("# or, where there is no calibration, the field of view in water, as it is seen in \
+             the pictures:\n# horizontal_field_of_view_deg =   # FILL IN [deg]");
     }
     put("# medium = \"air\"  # where it was calibrated in air and dives behind a flat port");
     let mount = |section: &str, m: &Option<MountFacts>, needed: bool, what: &str| match m {
@@ -112,7 +144,8 @@ fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
             m.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0])
         ),
         None => format!(
-            "\n# [{section}.mount]  # {}: {what}\n# translation_m = [0.0, 0.0, 0.0]  # place in the body [m]\n# roll_pitch_yaw_deg = [0.0, 0.0, 0.0]  # or rotation_xyzw",
+            "\n# [{section}.mount]  # {}: {what}\n# translation_m = [0.0, 0.0, 0.0]  # place in \
+             the body [m]\n# roll_pitch_yaw_deg = [0.0, 0.0, 0.0]  # or rotation_xyzw",
             if needed { "FILL IN" } else { "where it is known" }
         ),
     };
@@ -120,13 +153,23 @@ fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {
         "camera",
         &c.mount,
         false,
-        "optical frame: x right, y down, z out of the lens. Without it and without TF, the other mounts are in this frame",
+        "optical frame: x right, y down, z out of the lens. Without it and without TF, the other \
+         mounts are in this frame",
     ));
-    put(
-        "\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's setting\n# ranges = \"slant\"                # or \"vertical\", where the message's type misleads",
-    );
+    put("\n[dvl]\n# beams = \"waterlinked-a50\"  # instead of the message's own: a known \
+         instrument,\n# janus_angle_deg = 22.5           # or the angle off the axis [deg]\n# \
+         azimuths_deg = [135.0, -135.0, -45.0, 45.0]  # and each beam's azimuth from x towards y \
+         [deg]\n# sound_speed_ratio = 1.0          # true speed of sound over the instrument's \
+         setting\n# ranges = \"slant\"                # or \"vertical\", where the message's \
+         type misleads");
     put(&mount("dvl", &facts.dvl.mount, true, "z along its axis, towards the seafloor"));
-    put(&mount("strobe", &facts.strobe.mount, false, "z along its beam; where absent its place is looked for in the log"));
-    put("\n# [time_offset_s]  # seconds to add to a topic's stamps; `unwater inspect --clocks` looks for them\n# \"/dvl/data\" = 0.0");
+    put(&mount(
+        "strobe",
+        &facts.strobe.mount,
+        false,
+        "z along its beam; where absent its place is looked for in the log",
+    ));
+    put("\n# [time_offset_s]  # seconds to add to a topic's stamps; `unwater inspect --clocks` \
+         looks for them\n# \"/dvl/data\" = 0.0");
     text
 }

@@ -39,7 +39,9 @@ pub fn run(args: &LayoutArgs) -> Result<Ended> {
         return Err(Error::BadFile {
             path: args.input.clone(),
             what: "no corrected camera",
-            reason: "it has no metadata record `unwater`; give a log that `unwater correct` has written".into(),
+            reason: "it has no metadata record `unwater`; give a log that `unwater correct` has \
+                     written"
+                .into(),
         });
     }
     let text = if args.foxglove {

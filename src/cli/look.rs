@@ -2,7 +2,9 @@
 
 use super::commands::{beside, model_file, say};
 use super::progress::Bar;
-use super::{CompareArgs, Ended, ExportArgs, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window};
+use super::{
+    CompareArgs, Ended, ExportArgs, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window,
+};
 use crate::error::{Error, Result};
 use crate::look::dive::CorrectedLog;
 use crate::look::mosaic::{self, Asked};
@@ -37,7 +39,15 @@ pub fn report(args: &ReportArgs) -> Result<Ended> {
 fn ensure_named(output: &std::path::Path, endings: &[&str]) -> Result<()> {
     let ending = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let is_known = ending.is_none_or(|e| endings.contains(&e.as_str()));
-    if is_known { Ok(()) } else { Err(Error::Usage(format!("{}: the picture can be written as .{}", output.display(), endings.join(" or .")))) }
+    if is_known {
+        Ok(())
+    } else {
+        Err(Error::Usage(format!(
+            "{}: the picture can be written as .{}",
+            output.display(),
+            endings.join(" or .")
+        )))
+    }
 }
 
 /// `unwater compare`
@@ -63,11 +73,14 @@ pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     let options = Options { window: window(args.start, args.end)?, ..args.run.options() };
     ensure_distinct(&args.input, &args.output, options.force)?;
     ensure_named(&args.output, &["png", "tif", "tiff"])?;
-    let asked = Asked { camera: args.camera.clone(), is_georeferenced: mosaic::is_geotiff(&args.output) };
+    let asked =
+        Asked { camera: args.camera.clone(), is_georeferenced: mosaic::is_geotiff(&args.output) };
     let laid = mosaic::mosaic(&CorrectedLog::open(&args.input, &options)?, &asked, &options)?;
     let bytes = match laid.tiff() {
         Some(tiff) => tiff,
-        None => laid.png().map_err(|reason| Error::WriteRecord { path: args.output.clone(), reason })?,
+        None => {
+            laid.png().map_err(|reason| Error::WriteRecord { path: args.output.clone(), reason })?
+        }
     };
     write_whole(&args.output, &bytes)?;
     if !args.run.quiet {
@@ -87,23 +100,43 @@ pub fn export(args: &ExportArgs) -> Result<Ended> {
     let facts = match &args.facts {
         None => serde_json::Map::new(),
         Some(path) => {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
-            toml::from_str(&text).map_err(|e| Error::BadFile { path: path.clone(), what: "a fact", reason: e.to_string().trim().into() })?
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| Error::Read { path: path.clone(), source })?;
+            toml::from_str(&text).map_err(|e| Error::BadFile {
+                path: path.clone(),
+                what: "a fact",
+                reason: e.to_string().trim().into(),
+            })?
         }
     };
     let log = CorrectedLog::open(&args.input, &options)?;
-    let topics: Vec<String> = log.cameras.iter().map(|c| c.fact("camera_topic").to_string()).collect();
+    let topics: Vec<String> =
+        log.cameras.iter().map(|c| c.fact("camera_topic").to_string()).collect();
     let camera = match (&args.camera, log.cameras.as_slice()) {
         (Some(topic), cameras) => cameras.iter().find(|c| c.fact("camera_topic") == topic),
         (None, [one]) => Some(one),
         (None, _) => return Err(Error::SeveralCameras { topics }),
     };
-    let missing_camera = || Error::NoSuchTopic { what: "corrected camera", topic: args.camera.clone().unwrap_or_default(), seen: topics.join(", ") };
+    let missing_camera = || Error::NoSuchTopic {
+        what: "corrected camera",
+        topic: args.camera.clone().unwrap_or_default(),
+        seen: topics.join(", "),
+    };
     let camera = camera.ok_or_else(missing_camera)?;
-    let written = data_set::export(&log, camera, &facts, &args.output, options.window.unwrap_or(Window::ALL), &Bar::new(args.run.quiet))?;
+    let written = data_set::export(
+        &log,
+        camera,
+        &facts,
+        &args.output,
+        options.window.unwrap_or(Window::ALL),
+        &Bar::new(args.run.quiet),
+    )?;
     if !args.run.quiet {
         if !written.missing.is_empty() {
-            eprintln!("note: ifdo.json lacks what neither log nor --facts says: {}", written.missing.join(", "));
+            eprintln!(
+                "note: ifdo.json lacks what neither log nor --facts says: {}",
+                written.missing.join(", ")
+            );
         }
         say(&format!("stills       {}\n", written.stills));
     }

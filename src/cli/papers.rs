@@ -1,4 +1,5 @@
-//! `completions` and `man`: what a shell and a reader want to know of the commands, from the same words as `--help`.
+//! `completions` and `man`: what a shell and a reader want to know of the commands, from the same
+//! words as `--help`.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! A bar per step on a terminal, with rate and time left, and what it took when it is over; nothing elsewhere.
+//! A bar per step on a terminal, with rate and time left, and what it took when it is over; nothing
+//! elsewhere.
 
 use std::sync::Mutex;
 
@@ -37,14 +38,22 @@ impl Progress for Bar {
         };
         let paint = Paint::of_stderr();
         let drawn = if paint == Paint::PLAIN { "{wide_bar}" } else { "{wide_bar:.cyan/dim}" };
-        let template = format!("{} {drawn} {{pos}}/{{len}} {unit}, {{per_second}}, {{eta}} left", paint.name(&format!("{name:<19}")));
-        let target = if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
+        let template = format!(
+            "{} {drawn} {{pos}}/{{len}} {unit}, {{per_second}}, {{eta}} left",
+            paint.name(&format!("{name:<19}"))
+        );
+        let target =
+            if self.quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(Some(total as u64), target);
-        let style = ProgressStyle::with_template(&template).unwrap_or_else(|_no_template| ProgressStyle::default_bar());
+        let style = ProgressStyle::with_template(&template)
+            .unwrap_or_else(|_no_template| ProgressStyle::default_bar());
         // A rate as the summary has it: 2.4 a second, not 2.4183/s.
-        bar.set_style(style.progress_chars("━━─").with_key("per_second", |state: &ProgressState, w: &mut dyn std::fmt::Write| {
-            let _infallible = write!(w, "{:.1} a second", state.per_sec());
-        }));
+        bar.set_style(style.progress_chars("━━─").with_key(
+            "per_second",
+            |state: &ProgressState, w: &mut dyn std::fmt::Write| {
+                let _infallible = write!(w, "{:.1} a second", state.per_sec());
+            },
+        ));
         self.with(|slot| *slot = Some((bar, [name, unit])));
     }
 
@@ -60,7 +69,11 @@ impl Progress for Bar {
             if is_seen {
                 let (done, seconds) = (bar.position(), took.as_secs_f64().max(1e-9));
                 let name = Paint::of_stderr().name(&format!("{name:<19}"));
-                eprintln!("{name} {done} {unit} in {}, {:.1} a second", duration(took), done as f64 / seconds);
+                eprintln!(
+                    "{name} {done} {unit} in {}, {:.1} a second",
+                    duration(took),
+                    done as f64 / seconds
+                );
             }
         });
     }

@@ -1,4 +1,5 @@
-//! The closing words of `correct`: about ten lines that say what came of it, where it lies and what opens it.
+//! The closing words of `correct`: about ten lines that say what came of it, where it lies and what
+//! opens it.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -8,27 +9,45 @@ use super::paint::Paint;
 use crate::model::ModelFile;
 use crate::report::Report;
 
-/// The account of a camera for people. `given`: the model came from a file. `took`: the whole run, where it is known.
-pub fn summary(report: &Report, model: &ModelFile, given: bool, took: Option<Duration>, paint: Paint) -> String {
+/// The account of a camera for people. `given`: the model came from a file. `took`: the whole run,
+/// where it is known.
+pub fn summary(
+    report: &Report,
+    model: &ModelFile,
+    given: bool,
+    took: Option<Duration>,
+    paint: Paint,
+) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {
         let _infallible = writeln!(text, "{} {value}", paint.name(&format!("{name:<12}")));
     };
     let count = format!("{} of {} corrected", report.corrected, report.frames);
-    let count = if report.corrected == report.frames { paint.good(&count) } else { paint.warning(&count) };
-    let pace = took
-        .filter(|t| t.as_secs_f64() > 0.0)
-        .map_or_else(String::new, |took| format!(" in {}, {:.1} a second", duration(took), report.frames as f64 / took.as_secs_f64()));
+    let count =
+        if report.corrected == report.frames { paint.good(&count) } else { paint.warning(&count) };
+    let pace = took.filter(|t| t.as_secs_f64() > 0.0).map_or_else(String::new, |took| {
+        format!(" in {}, {:.1} a second", duration(took), report.frames as f64 / took.as_secs_f64())
+    });
     line("frames", &(count + &pace));
     for (reason, count) in &report.uncorrected {
         line("", &paint.warning(&format!("{count} passed uncorrected: {reason}")));
     }
     let source = if given { ", from the model given" } else { "" };
     line("attenuation", &format!("{}{source}", attenuation(model, paint)));
-    if let Some(strobe) = model.strobe.as_ref().filter(|s| s.source == "found" || s.source == "refined") {
+    if let Some(strobe) =
+        model.strobe.as_ref().filter(|s| s.source == "found" || s.source == "refined")
+    {
         let [x, y, z] = strobe.position_in_optical_m;
-        let std = strobe.position_std_m.map_or_else(String::new, |s| format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt()));
-        line("strobe", &format!("{}, at [{x:.3}, {y:.3}, {z:.3}]{std} m from the camera (right, down, ahead)", strobe.source));
+        let std = strobe.position_std_m.map_or_else(String::new, |s| {
+            format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt())
+        });
+        line(
+            "strobe",
+            &format!(
+                "{}, at [{x:.3}, {y:.3}, {z:.3}]{std} m from the camera (right, down, ahead)",
+                strobe.source
+            ),
+        );
     }
     if let Some([low, high]) = report.camera_altitude_m {
         let planes: Vec<String> = report.planes.iter().map(|(k, v)| format!("{v} {k}")).collect();
@@ -38,7 +57,8 @@ pub fn summary(report: &Report, model: &ModelFile, given: bool, took: Option<Dur
     line(
         "pixels",
         &format!(
-            "{:.2} % clipped in, {:.2} % clipped out, {:.2} % gain capped, {:.2} % off the seafloor",
+            "{:.2} % clipped in, {:.2} % clipped out, {:.2} % gain capped, {:.2} % off the \
+             seafloor",
             share("clipped_input"),
             share("clipped_output"),
             share("gain_capped"),
@@ -62,7 +82,10 @@ pub fn written(copied: u64, added: u64, output: &Path, paint: Paint) -> String {
     let shown = word(output);
     line("messages", &format!("{copied} copied, {added} added"));
     line("written", &paint.strong(&output.display().to_string()));
-    line("look at it", &format!("rerun {shown}     all topics; laid out: unwater layout {shown} --rerun"));
+    line(
+        "look at it",
+        &format!("rerun {shown}     all topics; laid out: unwater layout {shown} --rerun"),
+    );
     line("", &format!("Foxglove, open the file; laid out: unwater layout {shown} --foxglove"));
     line("", &format!("unwater report {shown}     figures and numbers on one page"));
     text
@@ -79,15 +102,32 @@ fn word(path: &Path) -> String {
 pub fn attenuation(model: &ModelFile, paint: Paint) -> String {
     let text = model.attenuation_text();
     let bands: Vec<&str> = text.split(" / ").collect();
-    let bands: Vec<String> = bands.iter().enumerate().map(|(i, b)| if bands.len() == 3 { paint.band(i, b) } else { (*b).into() }).collect();
-    let sure = if model.identified { String::new() } else { format!(", {}", paint.warning("not identified")) };
-    format!("{} per metre ({}, {} estimator{sure})", bands.join(" / "), model.attenuation_kind, model.estimator)
+    let bands: Vec<String> = bands
+        .iter()
+        .enumerate()
+        .map(|(i, b)| if bands.len() == 3 { paint.band(i, b) } else { (*b).into() })
+        .collect();
+    let sure = if model.identified {
+        String::new()
+    } else {
+        format!(", {}", paint.warning("not identified"))
+    };
+    format!(
+        "{} per metre ({}, {} estimator{sure})",
+        bands.join(" / "),
+        model.attenuation_kind,
+        model.estimator
+    )
 }
 
 /// 8.3 s, 2 min 5 s
 pub fn duration(took: Duration) -> String {
     let seconds = took.as_secs_f64();
-    if seconds < 60.0 { format!("{seconds:.1} s") } else { format!("{} min {} s", took.as_secs() / 60, took.as_secs() % 60) }
+    if seconds < 60.0 {
+        format!("{seconds:.1} s")
+    } else {
+        format!("{} min {} s", took.as_secs() / 60, took.as_secs() % 60)
+    }
 }
 
 #[cfg(test)]
@@ -116,12 +156,14 @@ mod tests {
     #[test]
     fn the_summary_says_it_in_ten_lines_and_plainly_without_a_terminal() {
         let model = ModelFile::from_json(MODEL).expect("a model");
-        let said = summary(&report(), &model, true, Some(Duration::from_millis(8300)), Paint::PLAIN);
+        let said =
+            summary(&report(), &model, true, Some(Duration::from_millis(8300)), Paint::PLAIN);
         let written = written(1040, 163, Path::new("my dive.mcap"), Paint::PLAIN);
         let expected = "\
 frames       19 of 20 corrected in 8.3 s, 2.4 a second
              1 passed uncorrected: no sonar beam came back
-attenuation  0.4500 ± 0.0010 / 0.1400 ± 0.0010 / 0.1000 ± ? per metre (physical, joint estimator), from the model given
+attenuation  0.4500 ± 0.0010 / 0.1400 ± 0.0010 / 0.1000 ± ? per metre (physical, joint estimator), \
+                        from the model given
 altitude     1.61 to 2.74 m (planes: 19 least squares)
 pixels       0.00 % clipped in, 0.00 % clipped out, 0.06 % gain capped, 0.00 % off the seafloor
 warnings     1, above
@@ -136,6 +178,9 @@ look at it   rerun 'my dive.mcap'     all topics; laid out: unwater layout 'my d
 
     #[test]
     fn minutes_are_minutes() {
-        assert_eq!([0.04, 59.94, 125.0].map(|s| duration(Duration::from_secs_f64(s))), ["0.0 s", "59.9 s", "2 min 5 s"]);
+        assert_eq!(
+            [0.04, 59.94, 125.0].map(|s| duration(Duration::from_secs_f64(s))),
+            ["0.0 s", "59.9 s", "2 min 5 s"]
+        );
     }
 }

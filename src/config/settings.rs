@@ -76,16 +76,27 @@ pub const SETTINGS: &[Setting] = settings![
 ];
 
 /// An error of a TOML file, with the nearest known key where one was not known.
-pub fn with_nearest_key<'k>(error: &toml::de::Error, known: impl Iterator<Item = &'k str>) -> String {
+pub fn with_nearest_key<'k>(
+    error: &toml::de::Error,
+    known: impl Iterator<Item = &'k str>,
+) -> String {
     let message = error.message();
     let unknown = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
     let nearest = unknown.and_then(|unknown| {
         known
-            .map(|key| (strsim::jaro_winkler(key.rsplit('.').next().unwrap_or(key), unknown).max(strsim::jaro_winkler(key, unknown)), key))
+            .map(|key| {
+                (
+                    strsim::jaro_winkler(key.rsplit('.').next().unwrap_or(key), unknown)
+                        .max(strsim::jaro_winkler(key, unknown)),
+                    key,
+                )
+            })
             .max_by(|a, b| a.0.total_cmp(&b.0))
     });
     match (unknown, nearest) {
-        (Some(unknown), Some((_, nearest))) => format!("unknown key `{unknown}`; did you mean `{nearest}`?"),
+        (Some(unknown), Some((_, nearest))) => {
+            format!("unknown key `{unknown}`; did you mean `{nearest}`?")
+        }
         _ => error.to_string().trim().into(),
     }
 }

@@ -1,4 +1,5 @@
-//! The factor from raw to corrected light over one frame, by as few evaluations of the formula as 0.1 % allows.
+//! The factor from raw to corrected light over one frame, by as few evaluations of the formula as
+//! 0.1 % allows.
 //!
 //! ```text
 //! exact, every few dozen pixels      θ, φ, what the water and the way took, light scattered back: smooth in the pixel
@@ -6,10 +7,12 @@
 //!     bilinear, on pixels            the gain, rows of it at a time
 //! ```
 //!
-//! Over h pixels linear interpolation errs by h²/8 of the second derivative, and by h/4 of the slope's step where the
-//! pattern has an edge; from the pattern's own first and second differences follows the step that keeps both below
-//! `render.gain_error`, but at the roughest twentieth of the pattern, its noisy rim: two or three times that there. Where a corner is off the floor, or the gain changes much over a cell (towards the horizon), the
-//! formula is evaluated node by node, and pixel by pixel.
+//! Over h pixels linear interpolation errs by h²/8 of the second derivative, and by h/4 of the
+//! slope's step where the pattern has an edge; from the pattern's own first and second differences
+//! follows the step that keeps both below `render.gain_error`, but at the roughest twentieth of the
+//! pattern, its noisy rim: two or three times that there. Where a corner is off the floor, or the
+//! gain changes much over a cell (towards the horizon), the formula is evaluated node by node, and
+//! pixel by pixel.
 
 use super::nodes::{Nodes, Walk, between};
 use super::{Correction, FrameFacts, log_removed, log_removed_by_way, mask, removes_beam};
@@ -25,10 +28,11 @@ const MOST_LOG_GAIN: f32 = 60.0;
 const STEEP: f32 = 1.1;
 /// The same for θ, φ and the logarithm of what the way took, between nodes where they are exact.
 const STEEP_SMOOTH: f32 = 0.25;
-/// Exact nodes lie this far apart, seen from the camera [rad]: over that, 1/8 of the square of it times the second
-/// derivative of the smooth parts (6 at most) is 0.02 %.
+/// Exact nodes lie this far apart, seen from the camera [rad]: over that, 1/8 of the square of it
+/// times the second derivative of the smooth parts (6 at most) is 0.02 %.
 const SMOOTH_RAD: f64 = 0.016;
-/// Signal and noise are compared at so many pixels along a row, and no nearer to each other than this [px].
+/// Signal and noise are compared at so many pixels along a row, and no nearer to each other than
+/// this [px].
 const LOOKED_AT_ACROSS: usize = 64;
 const LOOKED_AT_EVERY_PX: usize = 16;
 /// Nodes are never farther apart [px].
@@ -57,8 +61,8 @@ pub struct GainGrid<'g> {
     facts: FrameFacts,
 }
 
-/// Pixels from node to node such that interpolation errs by no more than `error`, for a strobe that sees a pixel under
-/// 1/`px_per_rad`.
+/// Pixels from node to node such that interpolation errs by no more than `error`, for a strobe that
+/// sees a pixel under 1/`px_per_rad`.
 fn step_px(beam: &BeamPattern, roughness: (f64, f64), px_per_rad: f64, error: f64) -> usize {
     let nodes = beam.nodes();
     let spacing_rad = 2.0 * nodes.limit_rad / (nodes.count - 1) as f64;
@@ -96,16 +100,30 @@ impl Sums {
 
 impl<'g> GainGrid<'g> {
     /// Evaluates the nodes.
-    pub fn new(correction: &'g Correction<'g>, view: &View<'g>, width: usize, height: usize, bands: usize) -> Self {
+    pub fn new(
+        correction: &'g Correction<'g>,
+        view: &View<'g>,
+        width: usize,
+        height: usize,
+        bands: usize,
+    ) -> Self {
         let middle = view.light_path(width as f64 / 2.0, height as f64 / 2.0);
-        let nearer = middle.map_or(1.0, |p| (p.strobe_to_seafloor_m / p.seafloor_to_camera_m).min(1.0));
-        let step = step_px(&correction.model.beam_pattern, correction.roughness, view.camera.fx * nearer, correction.config.gain_error);
+        let nearer =
+            middle.map_or(1.0, |p| (p.strobe_to_seafloor_m / p.seafloor_to_camera_m).min(1.0));
+        let step = step_px(
+            &correction.model.beam_pattern,
+            correction.roughness,
+            view.camera.fx * nearer,
+            correction.config.gain_error,
+        );
         let size = (width, height);
         let gains = Nodes::new(size, step, bands, f32::NAN);
         let nodes = gains.columns * gains.rows;
         let scattered = correction.glow.map(|_| Nodes::new(size, step, bands, 0.0));
         let rendering = correction.rendering;
-        let of_band = |value: &dyn Fn(usize) -> f64| std::array::from_fn(|b| if b < bands { value(b) as f32 } else { 0.0 });
+        let of_band = |value: &dyn Fn(usize) -> f64| {
+            std::array::from_fn(|b| if b < bands { value(b) as f32 } else { 0.0 })
+        };
         let mut grid = Self {
             correction,
             view: *view,
@@ -121,7 +139,8 @@ impl<'g> GainGrid<'g> {
         };
         let mut sums = Sums::default();
         let every = ((SMOOTH_RAD * view.camera.fx * nearer / step as f64) as usize).max(1);
-        // Several lamps have angles each, and relief has edges of its own: there every node is exact.
+        // Several lamps have angles each, and relief has edges of its own: there every node is
+        // exact.
         if every > 1 && view.relief.is_none() && view.rig.strobe.lamps.lamps().len() == 1 {
             grid.fill_between(every, &mut sums);
         } else {
@@ -129,7 +148,10 @@ impl<'g> GainGrid<'g> {
         }
         let cells = |i: usize| (i / grid.gains.columns, i % grid.gains.columns);
         let is_steep = |(least, most): (f32, f32)| most > STEEP * least;
-        grid.uneven = (0..nodes).map(cells).map(|(r, c)| (0..bands).any(|b| grid.gains.range(r, c, b).is_none_or(is_steep))).collect();
+        grid.uneven = (0..nodes)
+            .map(cells)
+            .map(|(r, c)| (0..bands).any(|b| grid.gains.range(r, c, b).is_none_or(is_steep)))
+            .collect();
         let met = sums.met.max(1) as f64;
         grid.facts = FrameFacts {
             path_length_min_m: sums.shortest_m.unwrap_or(f64::NAN),
@@ -157,7 +179,15 @@ impl<'g> GainGrid<'g> {
         self.set(node, gain, light, is_capped, is_seen, sums);
     }
 
-    fn set(&mut self, node: usize, gain: [f32; 3], scattered: [f32; 3], is_capped: bool, is_seen: bool, sums: &mut Sums) {
+    fn set(
+        &mut self,
+        node: usize,
+        gain: [f32; 3],
+        scattered: [f32; 3],
+        is_capped: bool,
+        is_seen: bool,
+        sums: &mut Sums,
+    ) {
         let (row, column) = (node / self.gains.columns, node % self.gains.columns);
         self.gains.at_mut(row, column).copy_from_slice(&gain[..self.bands]);
         if let Some(nodes) = &mut self.scattered {
@@ -173,7 +203,8 @@ impl<'g> GainGrid<'g> {
     /// All nodes, from exact ones `every` so many nodes.
     fn fill_between(&mut self, every: usize, sums: &mut Sums) {
         let Correction { config, model, .. } = *self.correction;
-        let (columns, rows, bands, step) = (self.gains.columns, self.gains.rows, self.bands, self.gains.step);
+        let (columns, rows, bands, step) =
+            (self.gains.columns, self.gains.rows, self.bands, self.gains.step);
         // θ, φ, log of what the way took per band, scattered light per band
         let fields = 2 + 2 * bands;
         let mut smooth = Nodes::new((columns, rows), every, fields, f32::NAN);
@@ -193,7 +224,13 @@ impl<'g> GainGrid<'g> {
             }
         }
         let by_beam = if removes_beam(config.method) { 1.0 } else { 0.0 };
-        let is_smooth = |row, column| (0..fields).all(|f| smooth.range(row, column, f).is_some_and(|(l, m)| f >= 2 + bands || m - l <= STEEP_SMOOTH));
+        let is_smooth = |row, column| {
+            (0..fields).all(|f| {
+                smooth
+                    .range(row, column, f)
+                    .is_some_and(|(l, m)| f >= 2 + bands || m - l <= STEEP_SMOOTH)
+            })
+        };
         let mut walk = Walk::new(&smooth, columns, None);
         let mut line = vec![0f32; columns * fields];
         let mut cells = Vec::new();
@@ -208,11 +245,15 @@ impl<'g> GainGrid<'g> {
                     self.fill_exactly(node, false, sums);
                     continue;
                 }
-                let angles = StrobeAngles { theta_rad: f64::from(at[0]), phi_rad: f64::from(at[1]) };
+                let angles =
+                    StrobeAngles { theta_rad: f64::from(at[0]), phi_rad: f64::from(at[1]) };
                 let (log_beam, seen) = model.beam_pattern.read(angles);
                 let log_beam = by_beam * log_beam as f32;
-                let removed = std::array::from_fn(|b| if b < bands { (-log_beam - at[2 + b]).min(MOST_LOG_GAIN).exp() } else { 0.0 });
-                let light = std::array::from_fn(|b| if b < bands { at[2 + bands + b] } else { 0.0 });
+                let removed = std::array::from_fn(|b| {
+                    if b < bands { (-log_beam - at[2 + b]).min(MOST_LOG_GAIN).exp() } else { 0.0 }
+                });
+                let light =
+                    std::array::from_fn(|b| if b < bands { at[2 + bands + b] } else { 0.0 });
                 let (gain, is_capped) = self.held(removed);
                 self.set(node, gain, light, is_capped, seen, sums);
             }
@@ -225,14 +266,22 @@ impl<'g> GainGrid<'g> {
         (u8::from(capped) * mask::CAPPED) | (u8::from(!is_seen) * mask::UNSEEN_BEAM)
     }
 
-    /// Adds the bits of every pixel to a mask: those of its cell's corners where they agree, its own elsewhere.
+    /// Adds the bits of every pixel to a mask: those of its cell's corners where they agree, its
+    /// own elsewhere.
     pub fn mark(&self, mask: &mut [u8]) {
         let Nodes { step, columns, rows, .. } = self.gains;
         for (i, bits) in mask.iter_mut().enumerate() {
             let (x, y) = (i % self.width, i / self.width);
-            let node = |row: usize, column: usize| self.bits[row.min(rows - 1) * columns + column.min(columns - 1)];
+            let node = |row: usize, column: usize| {
+                self.bits[row.min(rows - 1) * columns + column.min(columns - 1)]
+            };
             let (row, column) = (y / step, x / step);
-            let corners = [node(row, column), node(row, column + 1), node(row + 1, column), node(row + 1, column + 1)];
+            let corners = [
+                node(row, column),
+                node(row, column + 1),
+                node(row + 1, column),
+                node(row + 1, column + 1),
+            ];
             *bits |= if corners.iter().all(|c| *c == corners[0]) {
                 corners[0]
             } else {
@@ -250,14 +299,19 @@ impl<'g> GainGrid<'g> {
         self.facts
     }
 
-    /// Gain of one way of light per band, whether the cap holds it, and whether its directions in the beam were seen.
+    /// Gain of one way of light per band, whether the cap holds it, and whether its directions in
+    /// the beam were seen.
     fn gain(&self, path: &LightPath) -> ([f32; 3], bool, bool) {
-        let (removed, is_seen) = log_removed(self.correction.config.method, self.correction.model, path);
-        let (gain, is_capped) = self.held(std::array::from_fn(|b| if b < self.bands { (-removed[b] as f32).min(MOST_LOG_GAIN).exp() } else { 0.0 }));
+        let (removed, is_seen) =
+            log_removed(self.correction.config.method, self.correction.model, path);
+        let (gain, is_capped) = self.held(std::array::from_fn(|b| {
+            if b < self.bands { (-removed[b] as f32).min(MOST_LOG_GAIN).exp() } else { 0.0 }
+        }));
         (gain, is_capped, is_seen)
     }
 
-    /// What is to be multiplied by, held at the cap and rendered. All bands give way together: hue stays.
+    /// What is to be multiplied by, held at the cap and rendered. All bands give way together: hue
+    /// stays.
     fn held(&self, removed: [f32; 3]) -> ([f32; 3], bool) {
         let most = removed.iter().zip(self.over_median).fold(0f32, |most, (r, m)| most.max(r * m));
         let held = (self.correction.config.gain_cap as f32 / most).min(1.0);
@@ -268,7 +322,11 @@ impl<'g> GainGrid<'g> {
     fn scattered_at(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
         let Some((backscatter, table)) = self.correction.glow else { return [0.0; 3] };
         let of_ray = |(x, y)| backscatter.light(&table.at(x, y, path.seafloor_to_camera_m));
-        self.view.camera.image_plane(u, v).map(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))
+        self.view
+            .camera
+            .image_plane(u, v)
+            .map(of_ray)
+            .map_or([0.0; 3], |light| light.map(|v| v as f32))
     }
 
     /// Pixels of a row whose gain is not interpolated.
@@ -324,12 +382,20 @@ impl GainRows<'_> {
         walk.row(y, &mut self.veil);
         for x in self.grid.uneven_pixels(y) {
             let (u, v) = (x as f64, y as f64);
-            let light = self.grid.view.light_path(u, v).map_or([0.0; 3], |path| self.grid.scattered_at(u, v, &path));
-            self.veil[x * self.stored..][..self.stored].iter_mut().enumerate().for_each(|(b, veil)| *veil = light[band(self.mosaic, x, y, b)]);
+            let light = self
+                .grid
+                .view
+                .light_path(u, v)
+                .map_or([0.0; 3], |path| self.grid.scattered_at(u, v, &path));
+            self.veil[x * self.stored..][..self.stored]
+                .iter_mut()
+                .enumerate()
+                .for_each(|(b, veil)| *veil = light[band(self.mosaic, x, y, b)]);
         }
     }
 
-    /// Takes off what was scattered back and multiplies by the gains of the row gone to, and by what makes up for the frame's own.
+    /// Takes off what was scattered back and multiplies by the gains of the row gone to, and by
+    /// what makes up for the frame's own.
     pub fn multiply(&mut self, light: &mut [f32]) {
         let (grid, stored, y) = (self.grid, self.stored, self.y);
         let mut per_gain = 1.0 / self.frame_gain as f32;
@@ -338,19 +404,35 @@ impl GainRows<'_> {
             per_gain = 1.0;
         }
         let exactly = |x: usize| {
-            let gain = grid.view.light_path(x as f64, y as f64).map_or([0.0; 3], |path| grid.gain(&path).0);
-            let value = |b: usize| if b < stored { light[x * stored + b] * per_gain * gain[band(self.mosaic, x, y, b)] } else { 0.0 };
+            let gain = grid
+                .view
+                .light_path(x as f64, y as f64)
+                .map_or([0.0; 3], |path| grid.gain(&path).0);
+            let value = |b: usize| {
+                if b < stored {
+                    light[x * stored + b] * per_gain * gain[band(self.mosaic, x, y, b)]
+                } else {
+                    0.0
+                }
+            };
             (x, std::array::from_fn::<f32, 3, _>(value))
         };
         let exact: Vec<(usize, [f32; 3])> = grid.uneven_pixels(y).map(exactly).collect();
         let (above, below, share) = self.gains.around(y);
-        light.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v = *v * per_gain * between(*a, *b, share));
-        exact.into_iter().for_each(|(x, pixel)| light[x * stored..][..stored].copy_from_slice(&pixel[..stored]));
+        light
+            .iter_mut()
+            .zip(above)
+            .zip(below)
+            .for_each(|((v, a), b)| *v = *v * per_gain * between(*a, *b, share));
+        exact
+            .into_iter()
+            .for_each(|(x, pixel)| light[x * stored..][..stored].copy_from_slice(&pixel[..stored]));
     }
 
-    /// Of one row in so many, looks at one pixel in so many: how many show the floor with less light than
-    /// `least_signal_to_noise` times its noise, in any of the bands a pixel has; and how many were looked at. A mosaic's
-    /// bands have their turns. Gains do not matter: they make the noise as much larger as the light.
+    /// Of one row in so many, looks at one pixel in so many: how many show the floor with less
+    /// light than `least_signal_to_noise` times its noise, in any of the bands a pixel has; and how
+    /// many were looked at. A mosaic's bands have their turns. Gains do not matter: they make the
+    /// noise as much larger as the light.
     pub fn low_signal(&self, y: usize, raw: &[f32], noise: &Noise) -> (usize, usize) {
         let every = (self.grid.width / LOOKED_AT_ACROSS).max(LOOKED_AT_EVERY_PX);
         let row = y / every;
@@ -364,8 +446,11 @@ impl GainRows<'_> {
             let is_low = |b: usize| {
                 let measured = f64::from(raw[x * stored + b]);
                 // The veil is the neighbours', who have no such gain.
-                let light = measured - self.frame_gain * f64::from(self.veil.get(x * stored + b).copied().unwrap_or(0.0));
-                let is_within = |std: f64| light < grid.correction.config.least_signal_to_noise * std;
+                let light = measured
+                    - self.frame_gain
+                        * f64::from(self.veil.get(x * stored + b).copied().unwrap_or(0.0));
+                let is_within =
+                    |std: f64| light < grid.correction.config.least_signal_to_noise * std;
                 // Most light is far above any noise.
                 is_within(noise.std_at_most(measured)) && is_within(noise.std(measured))
             };
@@ -388,11 +473,14 @@ mod tests {
     use crate::spaces::{Direction, Transform};
     use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
-    /// The interpolated gain against the exact formula, on a tilted floor, with part of the picture above the horizon.
+    /// The interpolated gain against the exact formula, on a tilted floor, with part of the picture
+    /// above the horizon.
     #[test]
     fn the_grid_is_within_a_thousandth_of_the_formula() {
         let nodes = Nodes::new(41, 70.0);
-        let pattern: Vec<Option<f64>> = (0..41 * 41).map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2))).collect();
+        let pattern: Vec<Option<f64>> = (0..41 * 41)
+            .map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2)))
+            .collect();
         let model = ImagingModel {
             bands: 3,
             attenuation_per_m: [0.5, 0.15, 0.1],
@@ -403,8 +491,13 @@ mod tests {
             backscatter: None,
         };
         let config = RenderConfig { gain_cap: 1e30, ..RenderConfig::default() };
-        let rendering =
-            RenderingFile { method: Default::default(), gain: vec![1.0; 3], median_correction: vec![1.0; 3], shoulder_from: None, white_level: None };
+        let rendering = RenderingFile {
+            method: Default::default(),
+            gain: vec![1.0; 3],
+            median_correction: vec![1.0; 3],
+            shoulder_from: None,
+            white_level: None,
+        };
         let correction = Correction {
             model: &model,
             rendering: &rendering,
@@ -420,7 +513,8 @@ mod tests {
             let camera = Camera::from_field_of_view(width, height, 55.0);
             let (sin, cos) = pitch_deg.to_radians().sin_cos();
             let plane = SeafloorPlane {
-                normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos)).expect("a normal"),
+                normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos))
+                    .expect("a normal"),
                 distance_m: 2.0,
                 support: Support::LeastSquares,
                 hits: 4,
@@ -431,7 +525,13 @@ mod tests {
                 camera,
                 body_from_optical: Transform::identity(),
                 body_from_dvl: Transform::identity(),
-                strobe: StrobeMount { lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])), source: None },
+                strobe: StrobeMount {
+                    lamps: Lamps::one(Transform::from_parts(
+                        [-0.8, 0.1, 0.1],
+                        [0.0, 0.17, 0.0, 0.985],
+                    )),
+                    source: None,
+                },
             };
             let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
             let mut image = LinearImage::new(width, height, 3);
@@ -456,7 +556,10 @@ mod tests {
                         }
                         Some(_) => {}
                         None => {
-                            assert_eq!((image.at(x, y), bits[y * width + x]), ([0.0; 3].as_slice(), mask::OFF_SURFACE));
+                            assert_eq!(
+                                (image.at(x, y), bits[y * width + x]),
+                                ([0.0; 3].as_slice(), mask::OFF_SURFACE)
+                            );
                             off += 1;
                         }
                     }

@@ -1,4 +1,5 @@
-//! What not to trust in a corrected picture, pixel by pixel: a picture of bits beside it (`--mask`).
+//! What not to trust in a corrected picture, pixel by pixel: a picture of bits beside it
+//! (`--mask`).
 
 use crate::vehicle::Camera;
 
@@ -28,15 +29,26 @@ pub struct Clipped {
 impl Clipped {
     /// Nothing marked yet.
     pub fn new(width: usize, height: usize, is_mosaic: bool) -> Self {
-        Self { bits: vec![0; width * height], width, height, reach: if is_mosaic { MOSAIC_REACH } else { 0 } }
+        Self {
+            bits: vec![0; width * height],
+            width,
+            height,
+            reach: if is_mosaic { MOSAIC_REACH } else { 0 },
+        }
     }
 
     /// Marks what reaches `above` in row `y`, and what demosaicing takes colour from there.
     pub fn row(&mut self, y: usize, light: &[f32], above: f32) {
         let Self { width, height, reach, .. } = *self;
-        for (x, _) in light.chunks_exact(light.len() / width).enumerate().filter(|(_, pixel)| pixel.iter().any(|v| *v >= above)) {
+        for (x, _) in light
+            .chunks_exact(light.len() / width)
+            .enumerate()
+            .filter(|(_, pixel)| pixel.iter().any(|v| *v >= above))
+        {
             for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
-                self.bits[row * width + x.saturating_sub(reach)..row * width + (x + reach + 1).min(width)].fill(CLIPPED);
+                self.bits[row * width + x.saturating_sub(reach)
+                    ..row * width + (x + reach + 1).min(width)]
+                    .fill(CLIPPED);
             }
         }
     }
@@ -52,7 +64,12 @@ pub fn undistorted(mask: &[u8], from: &Camera, to: &Camera) -> Vec<u8> {
             return None;
         }
         let (x, y) = ((u as usize).min(width - 2), (v as usize).min(height - 2));
-        Some(mask[y * width + x] | mask[y * width + x + 1] | mask[(y + 1) * width + x] | mask[(y + 1) * width + x + 1])
+        Some(
+            mask[y * width + x]
+                | mask[y * width + x + 1]
+                | mask[(y + 1) * width + x]
+                | mask[(y + 1) * width + x + 1],
+        )
     };
     (0..to.width * to.height).map(|i| of(i).unwrap_or(OUTSIDE)).collect()
 }
@@ -66,7 +83,8 @@ mod tests {
         let count = |is_mosaic| {
             let mut clipped = Clipped::new(9, 7, is_mosaic);
             for y in 0..7 {
-                let light: Vec<f32> = (0..9).map(|x| if (x, y) == (4, 3) { 1.0 } else { 0.0 }).collect();
+                let light: Vec<f32> =
+                    (0..9).map(|x| if (x, y) == (4, 3) { 1.0 } else { 0.0 }).collect();
                 clipped.row(y, &light, 0.98);
             }
             clipped.bits.iter().filter(|b| **b == CLIPPED).count()

@@ -4,10 +4,12 @@
 //! r_Λ = (c_Λ − B_Λ) / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
 //! ```
 //!
-//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log; but in `baselines`,
-//! which are there for comparison, no statistic of a single frame touches it, so what is brighter in the output is brighter on the seafloor. The gain is
-//! evaluated on a coarse grid and interpolated: it is smooth, pixels are many. A frame goes by in rows, so that what is worked on
-//! stays near the processor. Where a ray never meets the floor there is no gain: the pixel stays black and is counted. Codecs do not live here.
+//! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log;
+//! but in `baselines`, which are there for comparison, no statistic of a single frame touches it,
+//! so what is brighter in the output is brighter on the seafloor. The gain is evaluated on a coarse
+//! grid and interpolated: it is smooth, pixels are many. A frame goes by in rows, so that what is
+//! worked on stays near the processor. Where a ray never meets the floor there is no gain: the
+//! pixel stays black and is counted. Codecs do not live here.
 
 mod baselines;
 mod gain;
@@ -106,25 +108,38 @@ pub struct Corrected {
 /// Pixels of a row with a band that reaches a level.
 fn reaching(row: &[f32], bands: usize, level: f32) -> usize {
     // Most rows have none, and that is told many at a time.
-    if largest(row) >= level { row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count() } else { 0 }
+    if largest(row) >= level {
+        row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count()
+    } else {
+        0
+    }
 }
 
 impl Correction<'_> {
-    /// Corrects one frame, row by row from codes to light where 1 is white: a mosaic first, while each pixel is one band, then
-    /// all bands. `take` gets the rows of the corrected picture in order; it may change them.
+    /// Corrects one frame, row by row from codes to light where 1 is white: a mosaic first, while
+    /// each pixel is one band, then all bands. `take` gets the rows of the corrected picture in
+    /// order; it may change them.
     pub fn apply(&self, frame: &Frame<'_>, mut take: impl FnMut(&mut [f32])) -> Corrected {
         let Frame { codes, view, .. } = *frame;
-        let (width, height, stored, bands) = (codes.width, codes.height, codes.stored_bands(), codes.bands());
+        let (width, height, stored, bands) =
+            (codes.width, codes.height, codes.stored_bands(), codes.bands());
         let is_baseline = self.config.method.is_baseline();
-        // Baselines know nothing of gains, as the log does not say which frames are brighter for the light's sake.
+        // Baselines know nothing of gains, as the log does not say which frames are brighter for
+        // the light's sake.
         let frame_gain = if is_baseline { 1.0 } else { frame.gain };
         let white = self.config.white() as f32;
         let grid = GainGrid::new(self, view, width, height, bands);
         let mut gains = grid.rows(codes.mosaic, frame_gain);
-        let mut mask = self.config.mask.then(|| mask::Clipped::new(width, height, codes.mosaic.is_some()));
+        let mut mask =
+            self.config.mask.then(|| mask::Clipped::new(width, height, codes.mosaic.is_some()));
         let mut demosaic = codes.mosaic.map(|phase| Demosaic::new(width, height, phase));
         let wants_whole = is_baseline || frame.rectified.is_some();
-        let mut whole = LinearImage { width, height, bands, pixels: Vec::with_capacity(if wants_whole { width * height * bands } else { 0 }) };
+        let mut whole = LinearImage {
+            width,
+            height,
+            bands,
+            pixels: Vec::with_capacity(if wants_whole { width * height * bands } else { 0 }),
+        };
         let (mut clipped_input, mut clipped_output, mut low, mut looked) = (0, 0, 0, 0);
         let mut out = |row: &mut [f32]| {
             if wants_whole {
@@ -173,7 +188,11 @@ impl Correction<'_> {
             }
         }
         let of_gains = grid.facts();
-        let of_gains = if is_baseline { FrameFacts { gain_capped_share: 0.0, mean_gain: f64::NAN, ..of_gains } } else { of_gains };
+        let of_gains = if is_baseline {
+            FrameFacts { gain_capped_share: 0.0, mean_gain: f64::NAN, ..of_gains }
+        } else {
+            of_gains
+        };
         let pixels = (width * height) as f64;
         Corrected {
             mask,
@@ -188,8 +207,8 @@ impl Correction<'_> {
     }
 }
 
-/// Log of what a method divides out of each band for one way of light (Fig. 10), and whether the log has shown all of that way's
-/// directions in the beam.
+/// Log of what a method divides out of each band for one way of light (Fig. 10), and whether the
+/// log has shown all of that way's directions in the beam.
 fn log_removed(method: Method, model: &ImagingModel, path: &LightPath) -> (Bands, bool) {
     if path.legs().is_empty() {
         let (log_gain, is_seen) = model.beam_pattern.read(path.angles);
@@ -199,14 +218,16 @@ fn log_removed(method: Method, model: &ImagingModel, path: &LightPath) -> (Bands
     // Light of several lamps is a sum; what a lamp's beam alone does is told by the difference.
     let removed = match method {
         Method::Attenuation => log_removed_by_way(method, model, path),
-        Method::BeamPattern => of_bands(model, |b| model.log_light(path, b) - model.log_water(path, b) - model.log_geometry(path)),
+        Method::BeamPattern => of_bands(model, |b| {
+            model.log_light(path, b) - model.log_water(path, b) - model.log_geometry(path)
+        }),
         _ => of_bands(model, |b| model.log_light(path, b)),
     };
     (removed, path.all_angles().all(|a| model.beam_pattern.is_seen(a)))
 }
 
-/// Whether a method divides by the beam pattern. Baselines divide nothing out; what full correction would have done stands in
-/// the facts.
+/// Whether a method divides by the beam pattern. Baselines divide nothing out; what full correction
+/// would have done stands in the facts.
 fn removes_beam(method: Method) -> bool {
     method != Method::Attenuation
 }
@@ -226,21 +247,27 @@ fn of_bands(model: &ImagingModel, of_band: impl Fn(usize) -> f64) -> Bands {
     std::array::from_fn(|b| if b < model.bands { of_band(b) } else { 0.0 })
 }
 
-/// The picture a camera without distortion would have taken: bilinear in linear light, black outside.
+/// The picture a camera without distortion would have taken: bilinear in linear light, black
+/// outside.
 fn undistorted(raw: &LinearImage, from: &Camera, to: &Camera) -> LinearImage {
     let mut out = LinearImage::new(to.width, to.height, raw.bands);
     for (y, row) in out.pixels.chunks_exact_mut(to.width * raw.bands).enumerate() {
         for (x, pixel) in row.chunks_exact_mut(raw.bands).enumerate() {
             let Some((px, py)) = to.image_plane(x as f64, y as f64) else { continue };
             let (u, v) = from.pixel(px, py);
-            if !(u >= 0.0 && v >= 0.0 && u <= (raw.width - 1) as f64 && v <= (raw.height - 1) as f64) {
+            if !(u >= 0.0
+                && v >= 0.0
+                && u <= (raw.width - 1) as f64
+                && v <= (raw.height - 1) as f64)
+            {
                 continue;
             }
             let (i, j) = ((u as usize).min(raw.width - 2), (v as usize).min(raw.height - 2));
             let (a, b) = ((u - i as f64) as f32, (v - j as f64) as f32);
             for (band, value) in pixel.iter_mut().enumerate() {
                 let at = |i: usize, j: usize| raw.at(i, j)[band];
-                *value = (1.0 - b) * ((1.0 - a) * at(i, j) + a * at(i + 1, j)) + b * ((1.0 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
+                *value = (1.0 - b) * ((1.0 - a) * at(i, j) + a * at(i + 1, j))
+                    + b * ((1.0 - a) * at(i, j + 1) + a * at(i + 1, j + 1));
             }
         }
     }

@@ -1,11 +1,12 @@
 //! Numbers on a coarse grid over a picture, bilinear between: rows of them as pixels need them.
 //!
-//! A row of nodes is spread over its pixels once, and the rows of pixels down to the next one are mixtures of two such
-//! rows: a multiplication and an addition per value, in loops that vectorise.
+//! A row of nodes is spread over its pixels once, and the rows of pixels down to the next one are
+//! mixtures of two such rows: a multiplication and an addition per value, in loops that vectorise.
 
 use crate::image::demosaic::Phase;
 
-/// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the picture's edge or beyond it.
+/// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the
+/// picture's edge or beyond it.
 pub struct Nodes {
     /// [px]
     pub step: usize,
@@ -28,7 +29,9 @@ impl Nodes {
 
     /// The values of a node; beyond the last row or column, those of the last.
     pub fn at(&self, row: usize, column: usize) -> &[f32] {
-        &self.values[(row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)) * self.bands..][..self.bands]
+        &self.values
+            [(row.min(self.rows - 1) * self.columns + column.min(self.columns - 1)) * self.bands..]
+            [..self.bands]
     }
 
     /// The same, to be written.
@@ -36,10 +39,16 @@ impl Nodes {
         &mut self.values[(row * self.columns + column) * self.bands..][..self.bands]
     }
 
-    /// Least and largest of one band at the corners of the cell whose first corner this is; `None` where a corner has no value.
+    /// Least and largest of one band at the corners of the cell whose first corner this is; `None`
+    /// where a corner has no value.
     pub fn range(&self, row: usize, column: usize, band: usize) -> Option<(f32, f32)> {
-        let corners = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(r, c)| self.at(row + r, column + c)[band]);
-        let least_and_most = || corners.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)));
+        let corners =
+            [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(r, c)| self.at(row + r, column + c)[band]);
+        let least_and_most = || {
+            corners
+                .iter()
+                .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)))
+        };
         corners.iter().all(|v| v.is_finite()).then(least_and_most)
     }
 }
@@ -65,7 +74,11 @@ impl<'n> Walk<'n> {
     /// Over a picture this wide; a mosaic's pixels take the value of their own band.
     pub fn new(nodes: &'n Nodes, width: usize, mosaic: Option<Phase>) -> Self {
         let bands = if mosaic.is_some() { 1 } else { nodes.bands };
-        let rows = || std::array::from_fn(|parity| if parity == 0 || mosaic.is_some() { vec![0.0; width * bands] } else { Vec::new() });
+        let rows = || {
+            std::array::from_fn(|parity| {
+                if parity == 0 || mosaic.is_some() { vec![0.0; width * bands] } else { Vec::new() }
+            })
+        };
         Self { nodes, width, mosaic, top: None, above: rows(), below: rows() }
     }
 
@@ -75,7 +88,8 @@ impl<'n> Walk<'n> {
         out.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v = between(*a, *b, share));
     }
 
-    /// The rows of nodes above and below row `y`, spread over its pixels, and how far it lies from the one to the other.
+    /// The rows of nodes above and below row `y`, spread over its pixels, and how far it lies from
+    /// the one to the other.
     pub fn around(&mut self, y: usize) -> (&[f32], &[f32], f32) {
         let top = (y / self.nodes.step).min(self.nodes.rows.saturating_sub(2));
         if self.top != Some(top) {
@@ -84,9 +98,21 @@ impl<'n> Walk<'n> {
                 if follows {
                     std::mem::swap(&mut self.above[parity], &mut self.below[parity]);
                 } else {
-                    spread(self.nodes, top, self.bands_of_turns(parity), self.width, &mut self.above[parity]);
+                    spread(
+                        self.nodes,
+                        top,
+                        self.bands_of_turns(parity),
+                        self.width,
+                        &mut self.above[parity],
+                    );
                 }
-                spread(self.nodes, top + 1, self.bands_of_turns(parity), self.width, &mut self.below[parity]);
+                spread(
+                    self.nodes,
+                    top + 1,
+                    self.bands_of_turns(parity),
+                    self.width,
+                    &mut self.below[parity],
+                );
             }
             self.top = Some(top);
         }
@@ -125,11 +151,17 @@ mod tests {
     #[test]
     fn a_plane_comes_back_at_every_pixel() {
         let (width, height) = (23, 17);
-        let truth = |x: usize, y: usize, band: usize| 1.0 + 0.1 * x as f32 - 0.05 * y as f32 + 10.0 * band as f32;
+        let truth = |x: usize, y: usize, band: usize| {
+            1.0 + 0.1 * x as f32 - 0.05 * y as f32 + 10.0 * band as f32
+        };
         let mut nodes = Nodes::new((width, height), 5, 3, 0.0);
         for row in 0..nodes.rows {
             for column in 0..nodes.columns {
-                nodes.at_mut(row, column).iter_mut().enumerate().for_each(|(b, v)| *v = truth(5 * column, 5 * row, b));
+                nodes
+                    .at_mut(row, column)
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(b, v)| *v = truth(5 * column, 5 * row, b));
             }
         }
         for mosaic in [None, Some(Phase::Gbrg)] {
@@ -139,7 +171,8 @@ mod tests {
             for y in 0..height {
                 walk.row(y, &mut row);
                 for (i, v) in row.iter().enumerate() {
-                    let (x, band) = (i / stored, mosaic.map_or(i % stored, |phase| phase.band(i, y)));
+                    let (x, band) =
+                        (i / stored, mosaic.map_or(i % stored, |phase| phase.band(i, y)));
                     assert!((v - truth(x, y, band)).abs() < 1e-4, "{mosaic:?} {x},{y} band {band}");
                 }
             }

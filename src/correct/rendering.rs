@@ -1,6 +1,7 @@
 //! One exposure and one white balance for a whole log, from the corrected light of its samples.
 //!
-//! Each method removes something else and so has its own. Never per image: what is brighter in the output is brighter on the seafloor.
+//! Each method removes something else and so has its own. Never per image: what is brighter in the
+//! output is brighter on the seafloor.
 
 use super::log_removed;
 use crate::config::{RenderConfig, WhiteBalance};
@@ -8,40 +9,59 @@ use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{ImagingModel, RenderingFile};
 
-/// Samples that need more than this factor over the median correction do not vote: far water beside an oblique
-/// camera would set the exposure of the seafloor.
+/// Samples that need more than this factor over the median correction do not vote: far water beside
+/// an oblique camera would set the exposure of the seafloor.
 const FAR_FACTOR: f64 = 3.0;
 
 /// Chooses exposure and white balance from samples (log colour and way of light).
-pub fn rendering(samples: &[([f32; 3], LightPath)], model: &ImagingModel, white_level: Option<u16>, config: &RenderConfig) -> RenderingFile {
+pub fn rendering(
+    samples: &[([f32; 3], LightPath)],
+    model: &ImagingModel,
+    white_level: Option<u16>,
+    config: &RenderConfig,
+) -> RenderingFile {
     let bands = model.bands;
-    let removed: Vec<Bands> = samples.iter().map(|(_, path)| log_removed(config.method, model, path).0).collect();
-    let medians: Vec<f64> = (0..bands).map(|b| quantile(removed.iter().map(|r| -r[b]), 0.5)).collect();
+    let removed: Vec<Bands> =
+        samples.iter().map(|(_, path)| log_removed(config.method, model, path).0).collect();
+    let medians: Vec<f64> =
+        (0..bands).map(|b| quantile(removed.iter().map(|r| -r[b]), 0.5)).collect();
     let is_near = |r: &Bands| (0..bands).all(|b| -r[b] <= medians[b] + FAR_FACTOR.ln());
     let corrected: Vec<Bands> = samples
         .iter()
         .zip(&removed)
         .filter(|(_, r)| is_near(r))
-        .map(|((color, _), r)| std::array::from_fn(|b| if b < bands { f64::from(color[b]) - r[b] } else { f64::NAN }))
+        .map(|((color, _), r)| {
+            std::array::from_fn(|b| if b < bands { f64::from(color[b]) - r[b] } else { f64::NAN })
+        })
         .collect();
     let balance: Vec<f64> = match config.white_balance {
         WhiteBalance::None => vec![1.0; bands],
         WhiteBalance::Factors(factors) => factors[..bands].to_vec(),
         WhiteBalance::GreyWorld => {
-            let medians: Vec<f64> = (0..bands).map(|b| quantile(corrected.iter().map(|c| c[b]), 0.5)).collect();
+            let medians: Vec<f64> =
+                (0..bands).map(|b| quantile(corrected.iter().map(|c| c[b]), 0.5)).collect();
             let mean = medians.iter().sum::<f64>() / bands as f64;
             medians.iter().map(|m| (mean - m).exp()).collect()
         }
     };
-    let brightest = corrected.iter().map(|c| (0..bands).map(|b| c[b] + balance[b].ln()).fold(f64::NEG_INFINITY, f64::max));
+    let brightest = corrected
+        .iter()
+        .map(|c| (0..bands).map(|b| c[b] + balance[b].ln()).fold(f64::NEG_INFINITY, f64::max));
     let highlight = quantile(brightest, config.highlight_quantile);
-    let exposure = if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
+    let exposure =
+        if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
     let median_correction = medians.iter().map(|m| finite_or_one(m.exp())).collect();
     let gain = match config.method {
         method if method.is_baseline() => vec![1.0; bands],
         _ => balance.iter().map(|w| finite_or_one(w * exposure)).collect(),
     };
-    RenderingFile { method: config.method, gain, median_correction, shoulder_from: Some(config.shoulder_from), white_level }
+    RenderingFile {
+        method: config.method,
+        gain,
+        median_correction,
+        shoulder_from: Some(config.shoulder_from),
+        white_level,
+    }
 }
 
 fn finite_or_one(v: f64) -> f64 {

@@ -35,7 +35,8 @@ impl Canvas {
         }
     }
 
-    /// Puts a picture of 1 or 3 bands (8-bit codes, row by row) with its upper left corner somewhere.
+    /// Puts a picture of 1 or 3 bands (8-bit codes, row by row) with its upper left corner
+    /// somewhere.
     pub fn put(&mut self, (x, y): (i64, i64), codes: &[u8], width: usize, bands: usize) {
         for (i, pixel) in codes.chunks_exact(bands).enumerate() {
             let color = std::array::from_fn(|b| pixel[b.min(bands - 1)]);
@@ -48,7 +49,11 @@ impl Canvas {
         let steps = (x1 - x0).abs().max((y1 - y0).abs()).ceil().clamp(1.0, 1e5);
         for k in 0..=steps as usize {
             let share = k as f64 / steps;
-            self.set((x0 + (x1 - x0) * share).round() as i64, (y0 + (y1 - y0) * share).round() as i64, color);
+            self.set(
+                (x0 + (x1 - x0) * share).round() as i64,
+                (y0 + (y1 - y0) * share).round() as i64,
+                color,
+            );
         }
     }
 
@@ -114,7 +119,10 @@ mod tests {
         assert_eq!(Canvas::text_width("abc", 2), 34);
         assert!(Canvas::text_width(&Canvas::cut("a long label", 2, 60), 2) <= 60);
         let lines = Canvas::wrapped("no overlap with any other frame", 1, 80);
-        assert!(lines.len() > 1 && lines.iter().all(|l| Canvas::text_width(l, 1) <= 80), "{lines:?}");
+        assert!(
+            lines.len() > 1 && lines.iter().all(|l| Canvas::text_width(l, 1) <= 80),
+            "{lines:?}"
+        );
     }
 
     /// An L is a stroke down and one across its foot.

@@ -1,4 +1,5 @@
-//! Colour ramps that grow evenly in lightness, so that they also read in grey and with any kind of sight.
+//! Colour ramps that grow evenly in lightness, so that they also read in grey and with any kind of
+//! sight.
 
 /// From dark to bright.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,19 +11,41 @@ pub enum Ramp {
 }
 
 /// Colours at even steps [sRGB codes].
-const COOL: [[u8; 3]; 9] =
-    [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]];
-const WARM: [[u8; 3]; 9] =
-    [[13, 8, 135], [75, 3, 161], [125, 3, 168], [168, 34, 150], [203, 70, 121], [229, 107, 93], [248, 148, 65], [253, 195, 40], [240, 249, 33]];
+const COOL: [[u8; 3]; 9] = [
+    [68, 1, 84],
+    [71, 44, 122],
+    [59, 81, 139],
+    [44, 113, 142],
+    [33, 144, 141],
+    [39, 173, 129],
+    [92, 200, 99],
+    [170, 220, 50],
+    [253, 231, 37],
+];
+const WARM: [[u8; 3]; 9] = [
+    [13, 8, 135],
+    [75, 3, 161],
+    [125, 3, 168],
+    [168, 34, 150],
+    [203, 70, 121],
+    [229, 107, 93],
+    [248, 148, 65],
+    [253, 195, 40],
+    [240, 249, 33],
+];
 
 impl Ramp {
     /// Colour of a share, 0 to 1; outside of it that of the nearer end.
     pub fn at(self, share: f64) -> [u8; 3] {
         let stops = if self == Self::Cool { COOL } else { WARM };
-        let place = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 } * (stops.len() - 1) as f64;
+        let place =
+            if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 } * (stops.len() - 1) as f64;
         let first = (place as usize).min(stops.len() - 2);
         let part = place - first as f64;
-        std::array::from_fn(|b| (f64::from(stops[first][b]) * (1.0 - part) + f64::from(stops[first + 1][b]) * part).round() as u8)
+        std::array::from_fn(|b| {
+            (f64::from(stops[first][b]) * (1.0 - part) + f64::from(stops[first + 1][b]) * part)
+                .round() as u8
+        })
     }
 }
 
@@ -37,9 +60,12 @@ mod tests {
 
     #[test]
     fn more_is_brighter_all_the_way() {
-        let lightness = |c: [u8; 3]| 0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2]);
+        let lightness = |c: [u8; 3]| {
+            0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2])
+        };
         for ramp in [Ramp::Cool, Ramp::Warm] {
-            assert!((0..40).all(|i| lightness(ramp.at(f64::from(i) / 40.0)) < lightness(ramp.at(f64::from(i + 1) / 40.0))));
+            assert!((0..40).all(|i| lightness(ramp.at(f64::from(i) / 40.0))
+                < lightness(ramp.at(f64::from(i + 1) / 40.0))));
             assert_eq!(ramp.at(f64::NAN), ramp.at(0.0));
         }
         assert_eq!(css([1, 255, 16]), "#01ff10");

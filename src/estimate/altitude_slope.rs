@@ -1,10 +1,12 @@
-//! Attenuation from log colour against altitude (paper §IV-B, Fig. 6), for logs without overlap or texture.
+//! Attenuation from log colour against altitude (paper §IV-B, Fig. 6), for logs without overlap or
+//! texture.
 //!
-//! The paper plots the log of each frame's mean against altitude and takes half the slope, as ℓ ≈ 2a; with the
-//! sign that is missing there, α = −slope/2. Here each cell of the picture is followed over the dive on its own,
-//! against its own path length: what is the same in every frame (beam pattern, lens, the mean seafloor)
-//! stays in the cell's own level, and no ℓ ≈ 2a is needed. Far cells, where scattered light takes over and the
-//! line bends (Fig. 6's plateau), are left out by path length.
+//! The paper plots the log of each frame's mean against altitude and takes half the slope, as ℓ ≈
+//! 2a; with the sign that is missing there, α = −slope/2. Here each cell of the picture is followed
+//! over the dive on its own, against its own path length: what is the same in every frame (beam
+//! pattern, lens, the mean seafloor) stays in the cell's own level, and no ℓ ≈ 2a is needed. Far
+//! cells, where scattered light takes over and the line bends (Fig. 6's plateau), are left out by
+//! path length.
 
 use std::collections::BTreeMap;
 
@@ -50,7 +52,9 @@ pub fn attenuation(
     for (frame, samples) in frames.iter().enumerate() {
         for (index, sight) in &samples.grid {
             let Some(path) = path(samples, sight) else { continue };
-            let y = std::array::from_fn(|b| if b < bands { f64::from(sight.log_color[b]) - known(&path) } else { 0.0 });
+            let y = std::array::from_fn(|b| {
+                if b < bands { f64::from(sight.log_color[b]) - known(&path) } else { 0.0 }
+            });
             cells.entry(*index).or_default().push(Cell { frame, length_m: path.length_m(), y });
         }
     }
@@ -68,14 +72,18 @@ pub fn attenuation(
         }
         let n = near.len() as f64;
         let mean_length = near.iter().map(|c| c.length_m).sum::<f64>() / n;
-        let mean_y: [f64; 3] = std::array::from_fn(|b| near.iter().map(|c| c.y[b]).sum::<f64>() / n);
-        rows.extend(near.iter().map(|c| (c.frame, c.length_m - mean_length, std::array::from_fn(|b| c.y[b] - mean_y[b]))));
+        let mean_y: [f64; 3] =
+            std::array::from_fn(|b| near.iter().map(|c| c.y[b]).sum::<f64>() / n);
+        rows.extend(near.iter().map(|c| {
+            (c.frame, c.length_m - mean_length, std::array::from_fn(|b| c.y[b] - mean_y[b]))
+        }));
     }
     if rows.len() < 10 * LEAST_FRAMES {
         return None;
     }
     let slope = |rows: &mut dyn Iterator<Item = (&(usize, f64, [f64; 3]), f64)>, b: usize| {
-        let (num, den) = rows.fold((0.0, 0.0), |(n, d), ((_, l, y), w)| (n + w * l * y[b], d + w * l * l));
+        let (num, den) =
+            rows.fold((0.0, 0.0), |(n, d), ((_, l, y), w)| (n + w * l * y[b], d + w * l * l));
         (den > 1e-6).then_some(-num / den)
     };
     let mut weights = vec![1.0; rows.len()];
@@ -83,21 +91,36 @@ pub fn attenuation(
         for b in 0..bands {
             answer.attenuation_per_m[b] = slope(&mut rows.iter().zip(weights.iter().copied()), b)?;
         }
-        let misfits: Vec<f64> =
-            rows.iter().map(|(_, l, y)| (0..bands).map(|b| (y[b] + answer.attenuation_per_m[b] * l).abs()).sum::<f64>() / bands as f64).collect();
+        let misfits: Vec<f64> = rows
+            .iter()
+            .map(|(_, l, y)| {
+                (0..bands).map(|b| (y[b] + answer.attenuation_per_m[b] * l).abs()).sum::<f64>()
+                    / bands as f64
+            })
+            .collect();
         answer.residual = robust::scale(&misfits);
         weights = misfits.iter().map(|e| robust::cauchy(*e, answer.residual)).collect();
     }
     answer.observations = rows.len();
-    // What a frame gets wrong it gets wrong in all its cells: the spread comes from leaving out stretches of frames.
+    // What a frame gets wrong it gets wrong in all its cells: the spread comes from leaving out
+    // stretches of frames.
     let stretches = 10.min(frames.len());
     for b in 0..bands {
         let without: Vec<f64> = (0..stretches)
-            .filter_map(|s| slope(&mut rows.iter().zip(weights.iter().copied()).filter(|(r, _)| r.0 * stretches / frames.len() != s), b))
+            .filter_map(|s| {
+                slope(
+                    &mut rows
+                        .iter()
+                        .zip(weights.iter().copied())
+                        .filter(|(r, _)| r.0 * stretches / frames.len() != s),
+                    b,
+                )
+            })
             .collect();
         let n = without.len() as f64;
         let mean = without.iter().sum::<f64>() / n;
-        answer.std_per_m[b] = ((n - 1.0) / n * without.iter().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt();
+        answer.std_per_m[b] =
+            ((n - 1.0) / n * without.iter().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt();
     }
     Some(answer)
 }
@@ -107,6 +130,13 @@ fn channel_means(frames: &[FrameSamples], bands: usize) -> Option<Bands> {
     let n = frames.len() as f64;
     let mean_altitude = frames.iter().map(|f| f.camera_altitude_m).sum::<f64>() / n;
     let spread: f64 = frames.iter().map(|f| (f.camera_altitude_m - mean_altitude).powi(2)).sum();
-    let slope = |b: usize| frames.iter().map(|f| (f.camera_altitude_m - mean_altitude) * f.mean_light[b].max(1e-9).ln()).sum::<f64>() / spread;
-    (frames.len() >= LEAST_FRAMES && spread > 1e-9).then(|| std::array::from_fn(|b| if b < bands { -slope(b) / 2.0 } else { 0.0 }))
+    let slope = |b: usize| {
+        frames
+            .iter()
+            .map(|f| (f.camera_altitude_m - mean_altitude) * f.mean_light[b].max(1e-9).ln())
+            .sum::<f64>()
+            / spread
+    };
+    (frames.len() >= LEAST_FRAMES && spread > 1e-9)
+        .then(|| std::array::from_fn(|b| if b < bands { -slope(b) / 2.0 } else { 0.0 }))
 }

@@ -4,9 +4,10 @@
 //! log BP(θ_i, φ_j) = mean over bands Λ and pixels p of  log c_Λ + α_Λ ℓ + spreading − log cos γ       Eq. 17
 //! ```
 //!
-//! As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one log BP, so the sum of three is three
-//! times log BP, a factor that normalising does not remove. A mean is meant. Assumed: no spatial bias in the
-//! reflectance. A sample counts only where all bands are measured, so no bin leans on one of them.
+//! As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one log BP, so the sum of
+//! three is three times log BP, a factor that normalising does not remove. A mean is meant.
+//! Assumed: no spatial bias in the reflectance. A sample counts only where all bands are measured,
+//! so no bin leans on one of them.
 
 use super::samples::FrameSamples;
 use crate::geometry::LightPath;
@@ -31,7 +32,9 @@ pub fn beam_pattern(
         for (_, sight) in &frame.grid {
             let Some(path) = path(frame, sight).filter(|p| nodes.holds(p.angles)) else { continue };
             let geometry = log_geometry(spreading, incidence, &path);
-            let mean = (0..frame.bands).map(|b| f64::from(sight.log_color[b]) + attenuation_per_m[b] * path.length_m()).sum::<f64>()
+            let mean = (0..frame.bands)
+                .map(|b| f64::from(sight.log_color[b]) + attenuation_per_m[b] * path.length_m())
+                .sum::<f64>()
                 / frame.bands as f64
                 - geometry;
             for (node, weight) in nodes.weights(path.angles) {
@@ -40,6 +43,7 @@ pub fn beam_pattern(
             }
         }
     }
-    let values: Vec<Option<f64>> = sums.iter().zip(&weights).map(|(s, w)| (*w >= LEAST_SAMPLES).then(|| s / w)).collect();
+    let values: Vec<Option<f64>> =
+        sums.iter().zip(&weights).map(|(s, w)| (*w >= LEAST_SAMPLES).then(|| s / w)).collect();
     BeamPattern::from_nodes(nodes, &values)
 }

@@ -1,11 +1,13 @@
 //! How much the water scatters back (Eq. 5, 6), from what it does to contrast.
 //!
-//! Backscatter and attenuation are nearly degenerate where one grey level is followed over altitude: both change it
-//! smoothly. But scattered light is *added*: a dark pebble gains more of it than bright sand beside it, in log light.
-//! Points of many reflectances, seen from several heights, so tell the two apart; the darkest of all bound it from above.
+//! Backscatter and attenuation are nearly degenerate where one grey level is followed over
+//! altitude: both change it smoothly. But scattered light is *added*: a dark pebble gains more of
+//! it than bright sand beside it, in log light. Points of many reflectances, seen from several
+//! heights, so tell the two apart; the darkest of all bound it from above.
 //!
-//! The strength b joins the joint solve to first order, S is tabulated anew from the beam and α in hand, and what is
-//! known is taken off the colours before the logarithm. In: samples. Out: b, and colours freed of it.
+//! The strength b joins the joint solve to first order, S is tabulated anew from the beam and α in
+//! hand, and what is known is taken off the colours before the logarithm. In: samples. Out: b, and
+//! colours freed of it.
 
 use std::cell::LazyCell;
 
@@ -23,7 +25,8 @@ const STEPS: usize = 12;
 const ROUNDS_PER_STEP: usize = 4;
 /// Steps smaller than this share of b are not taken any more.
 const SETTLED: f64 = 0.01;
-/// After so many steps it shows whether there is half the evidence that there must be; if not, the rest is not gone into.
+/// After so many steps it shows whether there is half the evidence that there must be; if not, the
+/// rest is not gone into.
 const FIRST_STEPS: usize = 2;
 /// `auto` wants b to be surer than this many standard deviations in a band …
 const SURE: f64 = 4.0;
@@ -70,7 +73,9 @@ pub fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sight) -> Bands) -> Vec<
     let of_frame = |frame: &FrameSamples| {
         let clear = |(cell, sight): &(u32, Sight)| {
             let (veil, mut sight) = (veil(sight), *sight);
-            let is_measured = (0..frame.bands).all(|b| f64::from(sight.log_color[b]).exp() * (1.0 - LEAST_DIRECT_SHARE) > veil[b]);
+            let is_measured = (0..frame.bands).all(|b| {
+                f64::from(sight.log_color[b]).exp() * (1.0 - LEAST_DIRECT_SHARE) > veil[b]
+            });
             take_off(&mut sight, frame.bands, &veil);
             is_measured.then_some((*cell, sight))
         };
@@ -88,7 +93,9 @@ fn take_off(sight: &mut Sight, bands: usize, veil: &Bands) {
 
 /// Whether b of a band is so many standard deviations above nothing.
 fn surely(answer: &JointAnswer, sure: f64) -> bool {
-    answer.backscatter.is_some_and(|(b, std)| b.strength_per_m.iter().zip(std).any(|(b, std)| *b > sure * std))
+    answer
+        .backscatter
+        .is_some_and(|(b, std)| b.strength_per_m.iter().zip(std).any(|(b, std)| *b > sure * std))
 }
 
 /// Finds b; `None` where the log shows none (or, for `auto`, no evidence of it).
@@ -99,12 +106,20 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let solution = problem.solve(plain.rounds)?;
     let mut said = problem.said(&solution);
     let without = LazyCell::new(|| held_out::misfits(samples.tracks, &plain, mount, paths));
-    let frustum = Frustum::around(samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))));
+    let frustum = Frustum::around(
+        samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))),
+    );
     let mut now = Backscatter::NONE;
     let mut settled = None;
     for step in 0..STEPS {
         now.attenuation_per_m = said.attenuation_per_m.map(|a| a.max(0.0));
-        let table = GlowTable::new(&said.beam, samples.body_from_optical, &mount, &now.attenuation_per_m, frustum);
+        let table = GlowTable::new(
+            &said.beam,
+            samples.body_from_optical,
+            &mount,
+            &now.attenuation_per_m,
+            frustum,
+        );
         let glow = |o: &Observation| {
             let (x, y, s) = samples.ray(&o.sight);
             table.at(x, y, s)
@@ -115,22 +130,41 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
         let solution = problem.solve(with_glow.rounds)?;
         said = problem.said(&solution);
         now = said.backscatter;
-        // The pattern as the model will have it, so that what counts as seen is the same in both passes.
+        // The pattern as the model will have it, so that what counts as seen is the same in both
+        // passes.
         let frames = off_frames(samples, |sight| {
             let (x, y, s) = samples.ray(sight);
             now.light(&table.at(x, y, s))
         });
-        said.beam =
-            completed(&said.beam.by_node(), &Samples { frames: &frames, ..*samples }, &said.attenuation_per_m, setting.spreading, setting.config);
-        let foretold = |now: &Backscatter| held_out::misfits(samples.tracks, &Setting { glow: Some((now, &glow)), ..plain }, mount, paths);
+        said.beam = completed(
+            &said.beam.by_node(),
+            &Samples { frames: &frames, ..*samples },
+            &said.attenuation_per_m,
+            setting.spreading,
+            setting.config,
+        );
+        let foretold = |now: &Backscatter| {
+            held_out::misfits(
+                samples.tracks,
+                &Setting { glow: Some((now, &glow)), ..plain },
+                mount,
+                paths,
+            )
+        };
         if step + 1 == FIRST_STEPS && setting.config.backscatter != Switch::On {
             // Held-out frames are asked last: each time it is a solve.
             let is_sure = surely(&problem.answer(&solution)?, SURE / 2.0);
-            if !is_sure || held_out::improvement(without.as_ref()?, &foretold(&now)?) <= LEAST_IMPROVEMENT / 2.0 {
+            if !is_sure
+                || held_out::improvement(without.as_ref()?, &foretold(&now)?)
+                    <= LEAST_IMPROVEMENT / 2.0
+            {
                 return None;
             }
         }
-        let has_settled = (0..setting.bands).all(|b| (now.strength_per_m[b] - before.strength_per_m[b]).abs() <= SETTLED * now.strength_per_m[b]);
+        let has_settled = (0..setting.bands).all(|b| {
+            (now.strength_per_m[b] - before.strength_per_m[b]).abs()
+                <= SETTLED * now.strength_per_m[b]
+        });
         if has_settled || step + 1 == STEPS {
             let answer = problem.answer(&solution)?;
             settled = Some((answer, foretold(&now)?, table));
@@ -142,10 +176,21 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let is_sure = surely(&answer, SURE);
     let improvement = held_out::improvement(without.as_ref()?, &with);
     let attenuation_per_m = answer.attenuation_per_m;
-    let mut found = FoundBackscatter { backscatter, std_per_m, improvement, share: [0.0; 3], attenuation_per_m, table };
+    let mut found = FoundBackscatter {
+        backscatter,
+        std_per_m,
+        improvement,
+        share: [0.0; 3],
+        attenuation_per_m,
+        table,
+    };
     for b in 0..setting.bands {
-        let share = |o: &Observation| backscatter.light(&found.glow(samples, &o.sight))[b] / f64::from(o.sight.log_color[b]).exp();
-        found.share[b] = robust::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
+        let share = |o: &Observation| {
+            backscatter.light(&found.glow(samples, &o.sight))[b]
+                / f64::from(o.sight.log_color[b]).exp()
+        };
+        found.share[b] =
+            robust::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
     }
     let is_there = match setting.config.backscatter {
         Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),

@@ -12,12 +12,14 @@ use crate::config::{EstimateConfig, Spreading};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
-    AttenuationOverTime, BeamPattern, EstimatorAnswer, Glow, ImageAnswer, ImagingModel, Nodes, SpreadingModel, TimeNode, log_geometry,
+    AttenuationOverTime, BeamPattern, EstimatorAnswer, Glow, ImageAnswer, ImagingModel, Nodes,
+    SpreadingModel, TimeNode, log_geometry,
 };
 use crate::units::Stamp;
 
 /// Samples and grid → an answer, or a sentence why there is none.
-pub type EstimatorOf = fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>;
+pub type EstimatorOf =
+    fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>;
 
 /// One estimator's answer, ready to be the model.
 pub struct Candidate {
@@ -34,14 +36,24 @@ pub struct Candidate {
 impl Candidate {
     /// Less sure by what another answer, which knows more, says else.
     pub fn less_sure_by(&mut self, other: &EstimatorAnswer) {
-        let (Some(alpha), Some(std)) = (&other.attenuation_per_m, &other.attenuation_std_per_m) else { return };
+        let (Some(alpha), Some(std)) = (&other.attenuation_per_m, &other.attenuation_std_per_m)
+        else {
+            return;
+        };
         for (b, (alpha, std)) in alpha.iter().zip(std).enumerate() {
-            self.std_per_m[b] = self.std_per_m[b].hypot(self.model.attenuation_per_m[b] - alpha).hypot(*std);
+            self.std_per_m[b] =
+                self.std_per_m[b].hypot(self.model.attenuation_per_m[b] - alpha).hypot(*std);
         }
         self.answer.attenuation_std_per_m = Some(self.std_per_m[..self.model.bands].to_vec());
     }
 
-    fn new(model: ImagingModel, std_per_m: Bands, observations: usize, residual: f64, details: &[(&str, f64)]) -> Self {
+    fn new(
+        model: ImagingModel,
+        std_per_m: Bands,
+        observations: usize,
+        residual: f64,
+        details: &[(&str, f64)],
+    ) -> Self {
         let bands = model.bands;
         let answer = EstimatorAnswer {
             attenuation_per_m: Some(model.attenuation_per_m[..bands].to_vec()),
@@ -55,13 +67,15 @@ impl Candidate {
     }
 }
 
-/// Planes, attitudes and the beam's grid make light wrong by this much, alike in all points of a few seconds: no spread
-/// within a log shows it, and it turns into α by how far path lengths spread. By rendered dives [log light].
+/// Planes, attitudes and the beam's grid make light wrong by this much, alike in all points of a
+/// few seconds: no spread within a log shows it, and it turns into α by how far path lengths
+/// spread. By rendered dives [log light].
 const COMMON_LOG_ERROR: f64 = 0.004;
-/// The same where the ground's relief is followed: heights between the hits are guessed, and ridges come out too gentle.
+/// The same where the ground's relief is followed: heights between the hits are guessed, and ridges
+/// come out too gentle.
 const RELIEF_LOG_ERROR: f64 = 0.011;
-/// An 8-bit picture's mean may be off by this part of a code, and a JPEG's is: what its colours are rounded to is seldom
-/// even. Bright light hardly feels it, dark light does.
+/// An 8-bit picture's mean may be off by this part of a code, and a JPEG's is: what its colours are
+/// rounded to is seldom even. Bright light hardly feels it, dark light does.
 const COMMON_CODE_ERROR: f64 = 0.1;
 /// Rounds of a solve of which only the size of a difference is wanted.
 const FEW_ROUNDS: usize = 4;
@@ -69,49 +83,83 @@ const FEW_ROUNDS: usize = 4;
 const SCATTERING_FORM_ERROR: f64 = 0.1;
 
 /// What α and its differences between bands may be wrong by in a whole log alike [1/m].
-fn common_errors(samples: &Samples<'_>, without_glow: Option<Bands>, alpha: &Bands) -> (Bands, [f64; 2]) {
-    let by_codes: Bands = std::array::from_fn(|b| if b < samples.bands() { code_error_per_m(samples, b) } else { 0.0 });
-    let by_glow: Bands = std::array::from_fn(|b| without_glow.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b])));
+fn common_errors(
+    samples: &Samples<'_>,
+    without_glow: Option<Bands>,
+    alpha: &Bands,
+) -> (Bands, [f64; 2]) {
+    let by_codes: Bands =
+        std::array::from_fn(
+            |b| if b < samples.bands() { code_error_per_m(samples, b) } else { 0.0 },
+        );
+    let by_glow: Bands = std::array::from_fn(|b| {
+        without_glow.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b]))
+    });
     let by_geometry = geometry_error_per_m(samples);
     let of_band = |b: usize| by_geometry.hypot(by_codes[b]).hypot(by_glow[b]);
     // It is nearly the same for all bands.
-    let between = |b: usize| (by_geometry / 2.0).hypot(by_codes[b]).hypot(by_codes[b + 1]).hypot(by_glow[b] - by_glow[b + 1]);
+    let between = |b: usize| {
+        (by_geometry / 2.0)
+            .hypot(by_codes[b])
+            .hypot(by_codes[b + 1])
+            .hypot(by_glow[b] - by_glow[b + 1])
+    };
     (std::array::from_fn(of_band), std::array::from_fn(between))
 }
 
-/// Errors of so many independent moments, over so wide a spread of path lengths, as an error of α [1/m].
+/// Errors of so many independent moments, over so wide a spread of path lengths, as an error of α
+/// [1/m].
 fn geometry_error_per_m(samples: &Samples<'_>) -> f64 {
     let altitudes = || samples.frames.iter().map(|f| f.camera_altitude_m);
     let n = samples.frames.len().max(1) as f64;
     let mean = altitudes().sum::<f64>() / n;
     // Down and up again.
     let path_std_m = 2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt();
-    let follows_relief = |f: &FrameSamples| f.grid.iter().any(|(_, sight)| sight.normal != f.normal);
-    let log_error = if samples.frames.iter().any(follows_relief) { RELIEF_LOG_ERROR } else { COMMON_LOG_ERROR };
+    let follows_relief =
+        |f: &FrameSamples| f.grid.iter().any(|(_, sight)| sight.normal != f.normal);
+    let log_error =
+        if samples.frames.iter().any(follows_relief) { RELIEF_LOG_ERROR } else { COMMON_LOG_ERROR };
     log_error / (path_std_m * (samples.moments() as f64).sqrt()).max(1e-9)
 }
 
 /// Slope over path length of what a part of a code is in log light: α takes it up [1/m].
 fn code_error_per_m(samples: &Samples<'_>, band: usize) -> f64 {
     // The sRGB curve, which is near any gamma: light ∝ code^2.4.
-    let log_light = |o: &Observation| COMMON_CODE_ERROR * 2.4 / (255.0 * 1.055) * (-f64::from(o.sight.log_color[band]) / 2.4).exp();
+    let log_light = |o: &Observation| {
+        COMMON_CODE_ERROR * 2.4 / (255.0 * 1.055)
+            * (-f64::from(o.sight.log_color[band]) / 2.4).exp()
+    };
     let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
-    let coded = tracks.iter().flatten().filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit));
+    let coded = tracks
+        .iter()
+        .flatten()
+        .filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit));
     let points = coded.filter_map(|o| Some((samples.path(o)?.length_m(), log_light(o))));
-    let (n, sum_l, sum_e, sum_ll, sum_le) =
-        points.fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y)| (n + 1.0, l + x, e + y, ll + x * x, le + x * y));
+    let (n, sum_l, sum_e, sum_ll, sum_le) = points
+        .fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y)| {
+            (n + 1.0, l + x, e + y, ll + x * x, le + x * y)
+        });
     let variance = sum_ll - sum_l * sum_l / f64::max(n, 1.0);
     if variance > 0.0 { ((sum_le - sum_l * sum_e / n) / variance).abs() } else { 0.0 }
 }
 
-pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+pub fn by_joint_solve(
+    samples: &Samples<'_>,
+    nodes: Nodes,
+    config: &EstimateConfig,
+) -> std::result::Result<Candidate, String> {
     if samples.tracks.len() < config.least_pairs {
-        return Err(format!("{} points seen more than once; {} are needed", samples.tracks.len(), config.least_pairs));
+        return Err(format!(
+            "{} points seen more than once; {} are needed",
+            samples.tracks.len(),
+            config.least_pairs
+        ));
     }
     let spreading = SpreadingModel::of(config.spreading);
     let bands = samples.bands();
     let fit = config.spreading == Spreading::Fit;
-    let glow_of = |o: &Observation| samples.glow.map_or(Glow::default(), |(g, _)| g.glow(samples, &o.sight));
+    let glow_of =
+        |o: &Observation| samples.glow.map_or(Glow::default(), |(g, _)| g.glow(samples, &o.sight));
     let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
     let setting = joint::Setting {
         glow: samples.glow.map(|(g, _)| (&g.backscatter, &glow_of as &joint::GlowOf<'_>)),
@@ -120,12 +168,19 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         free_strobe: samples.strobe_is_free,
         ..samples.setting(nodes, config)
     };
-    let answer = joint::solve(tracks, &setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
-        .ok_or("the points seen more than once do not hold the unknowns")?;
+    let answer =
+        joint::solve(tracks, &setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
+            .ok_or("the points seen more than once do not hold the unknowns")?;
     let mut answer = answer;
     let plain = joint::Setting { glow: None, rounds: FEW_ROUNDS, ..setting };
-    let without_glow = setting.glow.and_then(|_| joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount)));
-    let (common, between) = common_errors(samples, without_glow.map(|a| a.attenuation_per_m), &answer.attenuation_per_m);
+    let without_glow = setting.glow.and_then(|_| {
+        joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount))
+    });
+    let (common, between) = common_errors(
+        samples,
+        without_glow.map(|a| a.attenuation_per_m),
+        &answer.attenuation_per_m,
+    );
     let less_sure = less_sure_by(samples, tracks, &setting, &answer.std_per_m);
     let alone = answer.std_per_m;
     for b in 0..bands {
@@ -134,9 +189,17 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common));
     }
     let widened = (0..bands).map(|b| answer.std_per_m[b] / alone[b].max(1e-12)).fold(1.0, f64::max);
-    answer.difference_std_per_m.iter_mut().zip(between).for_each(|(s, common)| *s = s.hypot(common));
-    let spreading = SpreadingModel { strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0), ..spreading };
-    let beam_pattern = completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
+    answer
+        .difference_std_per_m
+        .iter_mut()
+        .zip(between)
+        .for_each(|(s, common)| *s = s.hypot(common));
+    let spreading = SpreadingModel {
+        strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0),
+        ..spreading
+    };
+    let beam_pattern =
+        completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
     let over_time = samples.drift.map(|d| {
         let node = |(stamp, (alpha, std)): (&Stamp, &(Bands, Bands))| TimeNode {
             stamp_ns: stamp.0,
@@ -151,78 +214,152 @@ pub fn by_joint_solve(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConf
         backscatter,
         ..samples.model(answer.attenuation_per_m, spreading, beam_pattern, config)
     };
-    let apart = |t: &Track| t.iter().map(|o| o.frame).max().unwrap_or(0) - t.iter().map(|o| o.frame).min().unwrap_or(0);
+    let apart = |t: &Track| {
+        t.iter().map(|o| o.frame).max().unwrap_or(0) - t.iter().map(|o| o.frame).min().unwrap_or(0)
+    };
     let farthest = tracks.iter().map(apart).max().unwrap_or(0);
-    let mut details = vec![("tracks", answer.tracks as f64), ("longest_track_frames", f64::from(farthest)), ("path_spread_m", answer.path_spread_m)];
+    let mut details = vec![
+        ("tracks", answer.tracks as f64),
+        ("longest_track_frames", f64::from(farthest)),
+        ("path_spread_m", answer.path_spread_m),
+    ];
     if bands == 3 {
         details.push(("red_minus_green_std_per_m", answer.difference_std_per_m[0]));
         details.push(("green_minus_blue_std_per_m", answer.difference_std_per_m[1]));
     }
     if let Some((exponent, std)) = answer.exponent {
-        details.extend([("spreading_exponent", exponent), ("spreading_exponent_std", std * widened)]);
+        details
+            .extend([("spreading_exponent", exponent), ("spreading_exponent_std", std * widened)]);
     }
     let low = low_answer(samples, tracks, &setting);
     if let Some(low) = &low {
         let names = ["low_frames_red_per_m", "low_frames_green_per_m", "low_frames_blue_per_m"];
         details.extend(names.iter().zip(low.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
     }
-    let candidate = Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details);
-    Ok(Candidate { path_spread_m: Some(answer.path_spread_m), widened, low: low.map(|l| (l.attenuation_per_m, l.std_per_m)), ..candidate })
+    let candidate =
+        Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details);
+    Ok(Candidate {
+        path_spread_m: Some(answer.path_spread_m),
+        widened,
+        low: low.map(|l| (l.attenuation_per_m, l.std_per_m)),
+        ..candidate
+    })
 }
 
-/// What all frames get wrong alike goes with height, as exponent and place do, and so is mistaken for them more easily than
-/// what each gets wrong by itself; by rendered dives.
+/// What all frames get wrong alike goes with height, as exponent and place do, and so is mistaken
+/// for them more easily than what each gets wrong by itself; by rendered dives.
 const ALIKE_OVER_SINGLY: f64 = 2.0;
 
-/// With the exponent or the strobe's place free, α is less sure by this factor: of what frames get wrong singly, as the solve
-/// itself says, and more so of what all get wrong alike.
-fn less_sure_by(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<'_>, std_per_m: &Bands) -> Bands {
-    let held = joint::Setting { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setting };
+/// With the exponent or the strobe's place free, α is less sure by this factor: of what frames get
+/// wrong singly, as the solve itself says, and more so of what all get wrong alike.
+fn less_sure_by(
+    samples: &Samples<'_>,
+    tracks: &[Track],
+    setting: &joint::Setting<'_>,
+    std_per_m: &Bands,
+) -> Bands {
+    let held =
+        joint::Setting { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setting };
     let is_free = setting.fit_exponent || setting.free_strobe;
-    let with_held = if is_free { joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount)) } else { None };
-    std::array::from_fn(|b| with_held.as_ref().map_or(1.0, |h| ALIKE_OVER_SINGLY * (std_per_m[b] / h.std_per_m[b]).max(1.0)))
+    let with_held = if is_free {
+        joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount))
+    } else {
+        None
+    };
+    std::array::from_fn(|b| {
+        with_held
+            .as_ref()
+            .map_or(1.0, |h| ALIKE_OVER_SINGLY * (std_per_m[b] / h.std_per_m[b]).max(1.0))
+    })
 }
 
-/// The same solve on the lower half of the frames alone: what scatters back grows with height, and so the two part.
-fn low_answer(samples: &Samples<'_>, tracks: &[Track], setting: &joint::Setting<'_>) -> Option<joint::JointAnswer> {
+/// The same solve on the lower half of the frames alone: what scatters back grows with height, and
+/// so the two part.
+fn low_answer(
+    samples: &Samples<'_>,
+    tracks: &[Track],
+    setting: &joint::Setting<'_>,
+) -> Option<joint::JointAnswer> {
     let altitudes: Vec<f64> = samples.frames.iter().map(|f| f.camera_altitude_m).collect();
     let middle = robust::median(&altitudes);
     let low: Vec<Track> = tracks
         .iter()
-        .map(|t| t.iter().copied().filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.camera_altitude_m <= middle)).collect())
+        .map(|t| {
+            t.iter()
+                .copied()
+                .filter(|o| {
+                    samples
+                        .frames
+                        .get(o.frame as usize)
+                        .is_some_and(|f| f.camera_altitude_m <= middle)
+                })
+                .collect()
+        })
         .filter(|t: &Track| t.len() >= 2)
         .collect();
     joint::solve(&low, setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
 }
 
-/// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both are known.
-pub fn completed(beam: &[Option<f64>], samples: &Samples<'_>, alpha: &Bands, spreading: SpreadingModel, config: &EstimateConfig) -> BeamPattern {
+/// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both
+/// are known.
+pub fn completed(
+    beam: &[Option<f64>],
+    samples: &Samples<'_>,
+    alpha: &Bands,
+    spreading: SpreadingModel,
+    config: &EstimateConfig,
+) -> BeamPattern {
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     if samples.lamps.lamps().len() > 1 {
         return BeamPattern::from_nodes(nodes, beam);
     }
-    let bins = angular_bins::beam_pattern(samples.frames, nodes, alpha, spreading, config.incidence, &|_, s| s.path(samples.lamps)).by_node();
+    let bins = angular_bins::beam_pattern(
+        samples.frames,
+        nodes,
+        alpha,
+        spreading,
+        config.incidence,
+        &|_, s| s.path(samples.lamps),
+    )
+    .by_node();
     let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
     let level = robust::median(&steps);
-    let values: Vec<Option<f64>> = beam.iter().zip(&bins).map(|(a, b)| a.or(b.map(|b| b + level).filter(|v| v.is_finite()))).collect();
+    let values: Vec<Option<f64>> = beam
+        .iter()
+        .zip(&bins)
+        .map(|(a, b)| a.or(b.map(|b| b + level).filter(|v| v.is_finite())))
+        .collect();
     BeamPattern::from_nodes(nodes, &values)
 }
 
 /// Eq. 16 and 17 know one strobe.
 fn one_lamp(samples: &Samples<'_>) -> std::result::Result<(), String> {
-    if samples.lamps.lamps().len() == 1 { Ok(()) } else { Err("several lamps shine; the joint solve alone tells them apart".into()) }
+    if samples.lamps.lamps().len() == 1 {
+        Ok(())
+    } else {
+        Err("several lamps shine; the joint solve alone tells them apart".into())
+    }
 }
 
-pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+pub fn by_pairs(
+    samples: &Samples<'_>,
+    nodes: Nodes,
+    config: &EstimateConfig,
+) -> std::result::Result<Candidate, String> {
     one_lamp(samples)?;
     if samples.tracks.len() < config.least_pairs {
-        return Err(format!("{} points seen more than once; {} are needed", samples.tracks.len(), config.least_pairs));
+        return Err(format!(
+            "{} points seen more than once; {} are needed",
+            samples.tracks.len(),
+            config.least_pairs
+        ));
     }
     let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes); // "assume BP ≈ 1", §IV-B
     let path = |o: &Observation| samples.path(o);
     let pairs = |beam: &BeamPattern| {
-        let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
+        let known =
+            |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
         pairs::attenuation(samples.tracks, bands, config.attenuation_floor_per_m, &path, &known)
             .ok_or_else(|| String::from("path lengths do not differ within the pairs"))
     };
@@ -230,7 +367,14 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
     let mut answer = first.clone();
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &|_, s| s.path(samples.lamps)); // Eq. 17
+        beam_pattern = angular_bins::beam_pattern(
+            samples.frames,
+            nodes,
+            &before,
+            spreading,
+            config.incidence,
+            &|_, s| s.path(samples.lamps),
+        ); // Eq. 17
         answer = pairs(&beam_pattern)?; // "we also recompute", §IV-C
         if settled(&before, &answer.attenuation_per_m) {
             break;
@@ -238,10 +382,15 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
     }
     let used = answer.by_image.len() as f64;
     let mut details = vec![("images", used)];
-    let names = ["before_beam_pattern_red_per_m", "before_beam_pattern_green_per_m", "before_beam_pattern_blue_per_m"];
+    let names = [
+        "before_beam_pattern_red_per_m",
+        "before_beam_pattern_green_per_m",
+        "before_beam_pattern_blue_per_m",
+    ];
     details.extend(names.iter().zip(first.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
     let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
-    let mut candidate = Candidate::new(model, answer.std_per_m, answer.pairs, answer.residual, &details);
+    let mut candidate =
+        Candidate::new(model, answer.std_per_m, answer.pairs, answer.residual, &details);
     candidate.answer.by_image = by_image(samples, &first, &answer);
     Ok(candidate)
 }
@@ -249,8 +398,13 @@ pub fn by_pairs(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) ->
 /// More images than this say no more in a figure.
 const MOST_IMAGES: usize = 300;
 
-/// What the images say before and after the beam pattern is known, spread evenly where there are many.
-fn by_image(samples: &Samples<'_>, first: &pairs::PairsAnswer, last: &pairs::PairsAnswer) -> Vec<ImageAnswer> {
+/// What the images say before and after the beam pattern is known, spread evenly where there are
+/// many.
+fn by_image(
+    samples: &Samples<'_>,
+    first: &pairs::PairsAnswer,
+    last: &pairs::PairsAnswer,
+) -> Vec<ImageAnswer> {
     let bands = samples.bands();
     let rounded = |alpha: &Bands| alpha[..bands].iter().map(|a| (a * 1e6).round() / 1e6).collect();
     let both = last.by_image.iter().filter_map(|image| {
@@ -267,12 +421,17 @@ fn by_image(samples: &Samples<'_>, first: &pairs::PairsAnswer, last: &pairs::Pai
     all.into_iter().step_by(step).collect()
 }
 
-pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig) -> std::result::Result<Candidate, String> {
+pub fn by_altitude(
+    samples: &Samples<'_>,
+    nodes: Nodes,
+    config: &EstimateConfig,
+) -> std::result::Result<Candidate, String> {
     one_lamp(samples)?;
     let spread = samples.altitude_spread();
     if samples.frames.len() < 5 || !samples.altitude_varies(config) {
         return Err(format!(
-            "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is needed",
+            "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is \
+             needed",
             samples.frames.len(),
             config.least_altitude_spread
         ));
@@ -281,22 +440,33 @@ pub fn by_altitude(samples: &Samples<'_>, nodes: Nodes, config: &EstimateConfig)
     let mut beam_pattern = BeamPattern::uniform(nodes);
     let path = |_: &FrameSamples, s: &Sight| s.path(samples.lamps);
     let slope = |beam: &BeamPattern| {
-        let known = |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
+        let known =
+            |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
         altitude_slope::attenuation(samples.frames, bands, &path, &known)
             .ok_or_else(|| String::from("too few frames share a part of the picture that is lit"))
     };
     let mut answer = slope(&beam_pattern)?;
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern = angular_bins::beam_pattern(samples.frames, nodes, &before, spreading, config.incidence, &path);
+        beam_pattern = angular_bins::beam_pattern(
+            samples.frames,
+            nodes,
+            &before,
+            spreading,
+            config.incidence,
+            &path,
+        );
         answer = slope(&beam_pattern)?;
         if settled(&before, &answer.attenuation_per_m) {
             break;
         }
     }
     let mut details = vec![("altitude_spread", spread), ("farthest_m", answer.farthest_m)];
-    let names = ["channel_means_red_per_m", "channel_means_green_per_m", "channel_means_blue_per_m"];
-    details.extend(names.iter().zip(answer.effective_by_channel_means_per_m).take(bands).map(|(n, v)| (*n, v)));
+    let names =
+        ["channel_means_red_per_m", "channel_means_green_per_m", "channel_means_blue_per_m"];
+    details.extend(
+        names.iter().zip(answer.effective_by_channel_means_per_m).take(bands).map(|(n, v)| (*n, v)),
+    );
     let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
     Ok(Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details))
 }
@@ -308,20 +478,28 @@ fn settled(before: &Bands, after: &Bands) -> bool {
 /// Fewer show neither scattered light nor changed light for what it is.
 pub const LEAST_FRAMES: usize = 12;
 
-/// α of the lower half of the frames may differ from that of all by this much, whatever the noise says [1/m].
+/// α of the lower half of the frames may differ from that of all by this much, whatever the noise
+/// says [1/m].
 const LEAST_PARTING_PER_M: f64 = 0.03;
 
 /// Scattered light that is not modelled may change α by this share.
 const UNMODELLED_SHARE: f64 = 0.1;
 
 /// Why the number cannot be trusted, if it cannot.
-pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &EstimateConfig) -> Option<String> {
+pub fn not_identified(
+    candidate: &Candidate,
+    samples: &Samples<'_>,
+    config: &EstimateConfig,
+) -> Option<String> {
     let model = &candidate.model;
     let spread = samples.altitude_spread();
     let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
-    let least = model.attenuation_per_m[..model.bands].iter().copied().fold(f64::INFINITY, f64::min);
+    let least =
+        model.attenuation_per_m[..model.bands].iter().copied().fold(f64::INFINITY, f64::min);
     if !samples.altitude_varies(config) {
-        return Some(format!("altitude hardly varies (the highest is {spread:.2} times the lowest)"));
+        return Some(format!(
+            "altitude hardly varies (the highest is {spread:.2} times the lowest)"
+        ));
     }
     if candidate.path_spread_m.is_some_and(|p| p < 0.05) {
         return Some(format!(
@@ -331,12 +509,20 @@ pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Est
     }
     let frames = samples.frames.len();
     if frames < LEAST_FRAMES {
-        return Some(format!("{frames} frames with a seafloor are too few to tell the water from what else changes; {LEAST_FRAMES} are needed"));
+        return Some(format!(
+            "{frames} frames with a seafloor are too few to tell the water from what else \
+             changes; {LEAST_FRAMES} are needed"
+        ));
     }
-    let parted = |with: &Bands| (0..model.bands).find(|b| (with[*b] - model.attenuation_per_m[*b]).abs() > UNMODELLED_SHARE * with[*b].abs());
+    let parted = |with: &Bands| {
+        (0..model.bands).find(|b| {
+            (with[*b] - model.attenuation_per_m[*b]).abs() > UNMODELLED_SHARE * with[*b].abs()
+        })
+    };
     if let Some((with, b)) = samples.unmodelled_glow.and_then(|with| Some((with, parted(&with)?))) {
         return Some(format!(
-            "the water scatters light back, which is not modelled: with it {:.3} per metre would be {:.3}; leave --backscatter off away",
+            "the water scatters light back, which is not modelled: with it {:.3} per metre would \
+             be {:.3}; leave --backscatter off away",
             model.attenuation_per_m[b], with[b]
         ));
     }
@@ -345,14 +531,19 @@ pub fn not_identified(candidate: &Candidate, samples: &Samples<'_>, config: &Est
             let (all, std) = (model.attenuation_per_m[b], candidate.std_per_m[b].hypot(low_std[b]));
             if (low[b] - all).abs() > LEAST_PARTING_PER_M.max(4.0 * std) {
                 return Some(format!(
-                    "the lower half of the frames alone says {:.3} per metre where all say {all:.3}: light that the water scatters back is not modelled, or the light changed",
+                    "the lower half of the frames alone says {:.3} per metre where all say \
+                     {all:.3}: light that the water scatters back is not modelled, or the light \
+                     changed",
                     low[b]
                 ));
             }
         }
     }
     if least <= 0.0 {
-        return Some(format!("an attenuation of {least:.3} per metre is not physical: altitude and light cannot be told apart in this log"));
+        return Some(format!(
+            "an attenuation of {least:.3} per metre is not physical: altitude and light cannot be \
+             told apart in this log"
+        ));
     }
     (worst > 0.08).then(|| format!("the estimate is uncertain by {worst:.2} per metre"))
 }

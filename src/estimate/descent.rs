@@ -1,5 +1,6 @@
-//! A few numbers (places, an offset, a turn) from the residual of the joint solve: a step is taken where the residual
-//! falls, and halved where it does not (Gauss-Newton, everything else solved anew at each place).
+//! A few numbers (places, an offset, a turn) from the residual of the joint solve: a step is taken
+//! where the residual falls, and halved where it does not (Gauss-Newton, everything else solved
+//! anew at each place).
 
 use nalgebra::Vector3;
 
@@ -26,14 +27,21 @@ pub struct Lowest {
     pub residual: [f64; 2],
 }
 
-/// Goes down from `place`, until steps that are asked for are shorter than `settled`. A place that is tried is nearly always
-/// taken, so it is asked for its own step at once: one solve a step.
-pub fn descend(mut place: Vector3<f64>, settled: f64, asked_at: &dyn Fn(Vector3<f64>) -> Option<Asked>) -> Option<Lowest> {
+/// Goes down from `place`, until steps that are asked for are shorter than `settled`. A place that
+/// is tried is nearly always taken, so it is asked for its own step at once: one solve a step.
+pub fn descend(
+    mut place: Vector3<f64>,
+    settled: f64,
+    asked_at: &dyn Fn(Vector3<f64>) -> Option<Asked>,
+) -> Option<Lowest> {
     let (first, mut asked) = asked_at(place)?;
     let mut residual = first;
     let mut std = Vector3::repeat(f64::NAN);
     for _ in 0..STEPS {
-        let (whole, of_three) = (Vector3::from_row_slice(asked.step.get(..3)?), Vector3::from_row_slice(asked.std.get(..3)?));
+        let (whole, of_three) = (
+            Vector3::from_row_slice(asked.step.get(..3)?),
+            Vector3::from_row_slice(asked.std.get(..3)?),
+        );
         std = of_three;
         if whole.iter().zip(&std).all(|(step, std)| step.abs() < TELLING * std) {
             break;

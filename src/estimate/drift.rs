@@ -1,4 +1,5 @@
-//! Water that changes along the log: nodes of α in time, where held-out frames are foretold better by them.
+//! Water that changes along the log: nodes of α in time, where held-out frames are foretold better
+//! by them.
 //!
 //! Each stretch of a dozen frames or more may have its own α; nodes run on smoothly, but
 //! not where the log stops for a while.
@@ -18,7 +19,8 @@ const GAP_S: f64 = 120.0;
 const GAP_INTERVALS: f64 = 20.0;
 /// `auto` wants the height to have gone through its range so many times, …
 const LEAST_TRAVELS: f64 = 2.5;
-/// … where a turn back by less than this share of the range is bobbing, which many frames would add up.
+/// … where a turn back by less than this share of the range is bobbing, which many frames would add
+/// up.
 const LEAST_TURN: f64 = 0.2;
 /// `auto` wants held-out frames to be foretold better by this.
 const LEAST_IMPROVEMENT: f64 = 0.02;
@@ -41,14 +43,21 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundDrift> 
     let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
     let steady = Setting { free_strobe: false, drift: None, ..*setting };
     let without = held_out::misfits(samples.tracks, &steady, mount, paths)?;
-    let with = held_out::misfits(samples.tracks, &Setting { drift: Some(&found.places), ..steady }, mount, paths)?;
+    let with = held_out::misfits(
+        samples.tracks,
+        &Setting { drift: Some(&found.places), ..steady },
+        mount,
+        paths,
+    )?;
     let improvement = held_out::improvement(&without, &with);
     (setting.config.drift == Switch::On || improvement > LEAST_IMPROVEMENT).then_some(found)
 }
 
-/// Whether the dive comes back to its heights: one long climb cannot tell changing water from what grows with height.
+/// Whether the dive comes back to its heights: one long climb cannot tell changing water from what
+/// grows with height.
 fn altitude_recurs(samples: &Samples<'_>) -> bool {
-    let mut by_time: Vec<(i64, f64)> = samples.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
+    let mut by_time: Vec<(i64, f64)> =
+        samples.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
     by_time.sort_by_key(|(t, _)| *t);
     let heights: Vec<f64> = by_time.iter().map(|(_, h)| *h).collect();
     travels(&heights) > LEAST_TRAVELS
@@ -79,7 +88,8 @@ fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
     let mut sorted = times.clone();
     sorted.sort_unstable();
     // Nodes stand so that as many frames lie between each two.
-    let stamps: Vec<i64> = (0..=intervals).map(|k| sorted[k * (sorted.len() - 1) / intervals]).collect();
+    let stamps: Vec<i64> =
+        (0..=intervals).map(|k| sorted[k * (sorted.len() - 1) / intervals]).collect();
     let steps: Vec<f64> = sorted.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
     let gap_s = GAP_S.max(GAP_INTERVALS * robust::median(&steps));
     let joined = stamps.windows(2).map(|w| {
@@ -91,7 +101,11 @@ fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
         let length = (stamps[node + 1] - stamps[node]).max(1) as f64;
         (node, ((time - stamps[node]) as f64 / length).clamp(0.0, 1.0))
     };
-    let places = Drift { places: times.iter().map(place).collect(), nodes: intervals + 1, joined: joined.collect() };
+    let places = Drift {
+        places: times.iter().map(place).collect(),
+        nodes: intervals + 1,
+        joined: joined.collect(),
+    };
     Some(FoundDrift { stamps: stamps.into_iter().map(Stamp).collect(), places })
 }
 
@@ -101,10 +115,15 @@ mod tests {
 
     #[test]
     fn a_bobbing_climb_goes_through_its_range_once() {
-        let climb = |frames: u32| (0..frames).map(move |i| 1.5 + 1.5 * f64::from(i) / f64::from(frames) + 0.02 * (f64::from(i) * 1.3).sin());
+        let climb = |frames: u32| {
+            (0..frames).map(move |i| {
+                1.5 + 1.5 * f64::from(i) / f64::from(frames) + 0.02 * (f64::from(i) * 1.3).sin()
+            })
+        };
         let of = |frames: u32| travels(&climb(frames).collect::<Vec<_>>());
         assert!(of(40) < 1.5 && of(400) < 1.5, "{} and {}", of(40), of(400));
-        let swing: Vec<f64> = (0..200).map(|i| 2.2 + 0.7 * (f64::from(i) / 200.0 * 12.0).sin()).collect();
+        let swing: Vec<f64> =
+            (0..200).map(|i| 2.2 + 0.7 * (f64::from(i) / 200.0 * 12.0).sin()).collect();
         assert!(travels(&swing) > 3.0, "{}", travels(&swing));
     }
 }

@@ -1,7 +1,8 @@
 //! Whether one form of the model explains frames it has not seen better than another.
 //!
-//! Every third frame is held out; the solve sees the others. A point seen in both gets its reflectance from the views the
-//! solve saw, and the held-out view is foretold. More unknowns always fit better what they were fitted to, not this.
+//! Every third frame is held out; the solve sees the others. A point seen in both gets its
+//! reflectance from the views the solve saw, and the held-out view is foretold. More unknowns
+//! always fit better what they were fitted to, not this.
 
 use super::joint::{PathFor, Problem, Setting};
 use super::robust;
@@ -13,9 +14,15 @@ const EVERY: u32 = 3;
 const ROUNDS: usize = 5;
 
 /// Misfits of held-out views [log light]; `None` where what is left does not hold the solve.
-pub fn misfits(tracks: &[Track], setting: &Setting<'_>, mount: Lamps, paths: &PathFor<'_>) -> Option<Vec<f64>> {
+pub fn misfits(
+    tracks: &[Track],
+    setting: &Setting<'_>,
+    mount: Lamps,
+    paths: &PathFor<'_>,
+) -> Option<Vec<f64>> {
     let is_held = |frame: u32| frame % EVERY == EVERY - 1;
-    let shown: Vec<Track> = tracks.iter().map(|t| t.iter().filter(|o| !is_held(o.frame)).copied().collect()).collect();
+    let shown: Vec<Track> =
+        tracks.iter().map(|t| t.iter().filter(|o| !is_held(o.frame)).copied().collect()).collect();
     let mut problem = Problem::new(&shown, setting, mount, paths)?;
     let solution = problem.solve(ROUNDS)?;
     let mut misfits = Vec::new();
@@ -38,7 +45,8 @@ pub fn misfits(tracks: &[Track], setting: &Setting<'_>, mount: Lamps, paths: &Pa
 
 /// Mean loss (Cauchy's) of misfits, measured against a spread [log light].
 pub fn loss(misfits: &[f64], scale: f64) -> f64 {
-    misfits.iter().map(|e| (1.0 + (e / (2.0 * scale)).powi(2)).ln()).sum::<f64>() / misfits.len().max(1) as f64
+    misfits.iter().map(|e| (1.0 + (e / (2.0 * scale)).powi(2)).ln()).sum::<f64>()
+        / misfits.len().max(1) as f64
 }
 
 /// How much less the second loses than the first: 0.1 is a tenth.

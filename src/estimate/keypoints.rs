@@ -1,9 +1,11 @@
-//! Keypoints with sub-pixel place, scale and orientation, and a descriptor to match them by (paper §IV-B, [39]).
+//! Keypoints with sub-pixel place, scale and orientation, and a descriptor to match them by (paper
+//! §IV-B, [39]).
 //!
-//! Differences of Gaussians on the *logarithm* of light: there a contrast means the same in the bright middle
-//! of the beam and in its dark rim. After Lowe (IJCV 2004); ours, because pass one must not wait for it: the
-//! picture is reduced first, as colours are pooled over several pixels anyway. In: linear light. Out: places in
-//! pixels of the full picture. Sums run in a fixed order, so results do not depend on threads.
+//! Differences of Gaussians on the *logarithm* of light: there a contrast means the same in the
+//! bright middle of the beam and in its dark rim. After Lowe (IJCV 2004); ours, because pass one
+//! must not wait for it: the picture is reduced first, as colours are pooled over several pixels
+//! anyway. In: linear light. Out: places in pixels of the full picture. Sums run in a fixed order,
+//! so results do not depend on threads.
 
 use crate::config::MatchingConfig;
 use crate::image::SensorImage;
@@ -74,14 +76,19 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
         }
         let differences: Vec<Plane> = levels
             .windows(2)
-            .map(|w| Plane { width: w[0].width, height: w[0].height, data: w[1].data.iter().zip(&w[0].data).map(|(b, a)| b - a).collect() })
+            .map(|w| Plane {
+                width: w[0].width,
+                height: w[0].height,
+                data: w[1].data.iter().zip(&w[0].data).map(|(b, a)| b - a).collect(),
+            })
             .collect();
         extrema(&differences, octaves.len(), config.contrast_threshold as f32, &mut found);
         next = halved(&levels[SCALES]);
         octaves.push(levels);
     }
     let keypoint = |e: Extremum| {
-        // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0 becomes its centre).
+        // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0
+        // becomes its centre).
         let halvings = f64::from(1u32 << e.octave);
         let full = |c: f32| (f64::from(c) * halvings + 0.5) * reduction as f64 - 0.5 + shift;
         (full(e.u), full(e.v), e)
@@ -91,7 +98,12 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
     let described = |(u, v, e): (f64, f64, Extremum)| {
         let level = &octaves[e.octave][e.level];
         let angle = level.orientation(e.u, e.v, e.sigma);
-        Keypoint { u, v, response: e.response, descriptor: level.descriptor(e.u, e.v, e.sigma, angle) }
+        Keypoint {
+            u,
+            v,
+            response: e.response,
+            descriptor: level.descriptor(e.u, e.v, e.sigma, angle),
+        }
     };
     kept.into_iter().map(described).collect()
 }
@@ -101,14 +113,16 @@ fn log_light(image: &SensorImage, factor: usize) -> Plane {
     let light = &image.light;
     let (width, height) = (light.width / factor, light.height / factor);
     let mut data = vec![0f32; width * height];
-    // Of a mosaic, every 2×2 window holds one red, two green, one blue: blocks reach one pixel further there.
+    // Of a mosaic, every 2×2 window holds one red, two green, one blue: blocks reach one pixel
+    // further there.
     let reach = factor + usize::from(image.mosaic.is_some());
     let scale = 1.0 / (reach * reach * light.bands) as f32;
     let mut sums = vec![0f32; light.width * light.bands];
     for (y, row) in data.chunks_exact_mut(width).enumerate() {
         sums.fill(0.0);
         for dy in 0..reach {
-            let line = &light.pixels[(y * factor + dy).min(light.height - 1) * sums.len()..][..sums.len()];
+            let line =
+                &light.pixels[(y * factor + dy).min(light.height - 1) * sums.len()..][..sums.len()];
             sums.iter_mut().zip(line).for_each(|(sum, v)| *sum += v);
         }
         for (x, out) in row.iter_mut().enumerate() {
@@ -123,7 +137,8 @@ fn log_light(image: &SensorImage, factor: usize) -> Plane {
 /// Separable Gaussian, edges repeated. `rows` is room to work in.
 fn blurred(plane: &Plane, sigma: f32, rows: &mut Vec<f32>) -> Plane {
     let radius = (3.0 * sigma).ceil() as usize;
-    let mut kernel: Vec<f32> = (0..=radius).map(|i| (-((i * i) as f32) / (2.0 * sigma * sigma)).exp()).collect();
+    let mut kernel: Vec<f32> =
+        (0..=radius).map(|i| (-((i * i) as f32) / (2.0 * sigma * sigma)).exp()).collect();
     let sum = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
     kernel.iter_mut().for_each(|k| *k /= sum);
     let (w, h) = (plane.width, plane.height);
@@ -133,18 +148,34 @@ fn blurred(plane: &Plane, sigma: f32, rows: &mut Vec<f32>) -> Plane {
         padded[..radius].fill(source[0]);
         padded[radius..radius + w].copy_from_slice(source);
         padded[radius + w..].fill(source[w - 1]);
-        weighted(source, &kernel, |i| (&padded[radius - i..][..w], &padded[radius + i..][..w]), rows);
+        weighted(
+            source,
+            &kernel,
+            |i| (&padded[radius - i..][..w], &padded[radius + i..][..w]),
+            rows,
+        );
     }
     let mut data = Vec::with_capacity(w * h);
     for y in 0..h {
         let row = |y: usize| &rows[y * w..][..w];
-        weighted(row(y), &kernel, |i| (row(y.saturating_sub(i)), row((y + i).min(h - 1))), &mut data);
+        weighted(
+            row(y),
+            &kernel,
+            |i| (row(y.saturating_sub(i)), row((y + i).min(h - 1))),
+            &mut data,
+        );
     }
     Plane { width: w, height: h, data }
 }
 
-/// Appends a line under a symmetric kernel; `beside` gives the lines so many steps to either side of it.
-fn weighted<'l>(line: &[f32], kernel: &[f32], beside: impl Fn(usize) -> (&'l [f32], &'l [f32]), to: &mut Vec<f32>) {
+/// Appends a line under a symmetric kernel; `beside` gives the lines so many steps to either side
+/// of it.
+fn weighted<'l>(
+    line: &[f32],
+    kernel: &[f32],
+    beside: impl Fn(usize) -> (&'l [f32], &'l [f32]),
+    to: &mut Vec<f32>,
+) {
     let start = to.len();
     to.extend(line.iter().map(|s| s * kernel[0]));
     let out = &mut to[start..];
@@ -169,28 +200,54 @@ fn extrema(differences: &[Plane], octave: usize, threshold: f32, found: &mut Vec
         for y in BORDER..h - BORDER {
             beyond_neighbours(&differences[s], y, 0.5 * threshold, &mut stands_out);
             for x in BORDER..w - BORDER {
-                if !stands_out[x] || !is_extreme([&differences[s - 1], &differences[s + 1]], x, y, differences[s].at(x, y)) {
+                if !stands_out[x]
+                    || !is_extreme(
+                        [&differences[s - 1], &differences[s + 1]],
+                        x,
+                        y,
+                        differences[s].at(x, y),
+                    )
+                {
                     continue;
                 }
                 if let Some((u, v, response, scale)) = refined(differences, s, x, y)
                     && response >= threshold
                 {
-                    found.push(Extremum { octave, level: s, u, v, sigma: SIGMA * 2f32.powf(scale / SCALES as f32), response });
+                    found.push(Extremum {
+                        octave,
+                        level: s,
+                        u,
+                        v,
+                        sigma: SIGMA * 2f32.powf(scale / SCALES as f32),
+                        response,
+                    });
                 }
             }
         }
     }
 }
 
-/// Which places of a row are at least so strong and beyond all eight neighbours: without a branch, as hardly any is.
+/// Which places of a row are at least so strong and beyond all eight neighbours: without a branch,
+/// as hardly any is.
 fn beyond_neighbours(plane: &Plane, y: usize, threshold: f32, stands_out: &mut [bool]) {
     let w = plane.width;
     let row = |y: usize| &plane.data[y * w..][..w];
     let (above, here, below, inner) = (row(y - 1), row(y), row(y + 1), &mut stands_out[1..w - 1]);
-    let (more, less) = (|a: f32, b: f32| if a > b { a } else { b }, |a: f32, b: f32| if a < b { a } else { b });
+    let (more, less) =
+        (|a: f32, b: f32| if a > b { a } else { b }, |a: f32, b: f32| if a < b { a } else { b });
     for (x, out) in inner.iter_mut().enumerate() {
-        let around = [above[x], above[x + 1], above[x + 2], here[x], here[x + 2], below[x], below[x + 1], below[x + 2]];
-        let (most, least) = (around.into_iter().fold(around[0], more), around.into_iter().fold(around[0], less));
+        let around = [
+            above[x],
+            above[x + 1],
+            above[x + 2],
+            here[x],
+            here[x + 2],
+            below[x],
+            below[x + 1],
+            below[x + 2],
+        ];
+        let (most, least) =
+            (around.into_iter().fold(around[0], more), around.into_iter().fold(around[0], less));
         let value = here[x + 1];
         *out = ((value >= threshold) & (value > most)) | ((value <= -threshold) & (value < least));
     }
@@ -199,17 +256,31 @@ fn beyond_neighbours(plane: &Plane, y: usize, threshold: f32, stands_out: &mut [
 /// Whether it is beyond the nine places of both neighbours in scale, too.
 fn is_extreme(scales: [&Plane; 2], x: usize, y: usize, value: f32) -> bool {
     let beats = |o: f32| if value > 0.0 { value > o } else { value < o };
-    scales.iter().all(|plane| (y - 1..=y + 1).all(|j| plane.data[j * plane.width + x - 1..][..3].iter().copied().all(beats)))
+    scales.iter().all(|plane| {
+        (y - 1..=y + 1)
+            .all(|j| plane.data[j * plane.width + x - 1..][..3].iter().copied().all(beats))
+    })
 }
 
-/// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it runs away or lies on an edge.
+/// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it runs away or lies
+/// on an edge.
 fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, f32)> {
     let (mut s, mut x, mut y) = (s, x, y);
     for _ in 0..4 {
-        let at = |ds: isize, dy: isize, dx: isize| d[(s as isize + ds) as usize].at((x as isize + dx) as usize, (y as isize + dy) as usize);
+        let at = |ds: isize, dy: isize, dx: isize| {
+            d[(s as isize + ds) as usize].at((x as isize + dx) as usize, (y as isize + dy) as usize)
+        };
         let c = at(0, 0, 0);
-        let g = nalgebra::Vector3::new(at(0, 0, 1) - at(0, 0, -1), at(0, 1, 0) - at(0, -1, 0), at(1, 0, 0) - at(-1, 0, 0)) * 0.5;
-        let (xx, yy, ss) = (at(0, 0, 1) + at(0, 0, -1) - 2.0 * c, at(0, 1, 0) + at(0, -1, 0) - 2.0 * c, at(1, 0, 0) + at(-1, 0, 0) - 2.0 * c);
+        let g = nalgebra::Vector3::new(
+            at(0, 0, 1) - at(0, 0, -1),
+            at(0, 1, 0) - at(0, -1, 0),
+            at(1, 0, 0) - at(-1, 0, 0),
+        ) * 0.5;
+        let (xx, yy, ss) = (
+            at(0, 0, 1) + at(0, 0, -1) - 2.0 * c,
+            at(0, 1, 0) + at(0, -1, 0) - 2.0 * c,
+            at(1, 0, 0) + at(-1, 0, 0) - 2.0 * c,
+        );
         let xy = 0.25 * (at(0, 1, 1) - at(0, 1, -1) - at(0, -1, 1) + at(0, -1, -1));
         let xs = 0.25 * (at(1, 0, 1) - at(1, 0, -1) - at(-1, 0, 1) + at(-1, 0, -1));
         let ys = 0.25 * (at(1, 1, 0) - at(1, -1, 0) - at(-1, 1, 0) + at(-1, -1, 0));
@@ -218,16 +289,24 @@ fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, 
             let (trace, det) = (xx + yy, xx * yy - xy * xy);
             let edge = det <= 0.0 || trace * trace * EDGE_RATIO >= (EDGE_RATIO + 1.0).powi(2) * det;
             let response = (c + 0.5 * g.dot(&step)).abs();
-            return (!edge).then_some((x as f32 + step.x, y as f32 + step.y, response, s as f32 + step.z));
+            return (!edge).then_some((
+                x as f32 + step.x,
+                y as f32 + step.y,
+                response,
+                s as f32 + step.z,
+            ));
         }
-        let moved = |c: usize, d: f32, n: usize| c.checked_add_signed(d.round() as isize).filter(|c| (BORDER..n - BORDER).contains(c));
+        let moved = |c: usize, d: f32, n: usize| {
+            c.checked_add_signed(d.round() as isize).filter(|c| (BORDER..n - BORDER).contains(c))
+        };
         (x, y) = (moved(x, step.x, d[0].width)?, moved(y, step.y, d[0].height)?);
         s = s.checked_add_signed(step.z.round() as isize).filter(|s| (1..=SCALES).contains(s))?;
     }
     None
 }
 
-/// The whole part of what is not negative and not large; to 32 bits it is one instruction and a check, to 64 it is many.
+/// The whole part of what is not negative and not large; to 32 bits it is one instruction and a
+/// check, to 64 it is many.
 fn whole(value: f32) -> usize {
     value as i32 as usize
 }
@@ -238,15 +317,18 @@ fn turns(y: f32, x: f32) -> f32 {
     let (least, most) = (ax.min(ay), ax.max(ay).max(1e-30));
     let t = least / most;
     let s = t * t;
-    let eighth = t * (0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1)))) * (0.5 / std::f32::consts::PI);
+    let eighth = t
+        * (0.999_866 + s * (-0.330_299_5 + s * (0.180_141 + s * (-0.085_133 + s * 0.020_835_1))))
+        * (0.5 / std::f32::consts::PI);
     let quarter = if ay > ax { 0.25 - eighth } else { eighth };
     let half = if x < 0.0 { 0.5 - quarter } else { quarter };
     if y < 0.0 { 1.0 - half } else { half }
 }
 
 impl Plane {
-    /// Gradients in the square around a place, row by row: where each lies from it [px], its strength under a Gaussian of
-    /// exponent `per_square` · r², its direction [turns]. `within` gives the columns of interest of a row, from the place on.
+    /// Gradients in the square around a place, row by row: where each lies from it [px], its
+    /// strength under a Gaussian of exponent `per_square` · r², its direction [turns]. `within`
+    /// gives the columns of interest of a row, from the place on.
     fn around(
         &self,
         (u, v): (f32, f32),
@@ -262,7 +344,8 @@ impl Plane {
         };
         let falloff = |d: f32| (d * d * per_square).exp();
         let columns = span(u, self.width);
-        let across: Vec<(f32, f32)> = columns.clone().map(|x| x as f32 - u).map(|d| (d, falloff(d))).collect();
+        let across: Vec<(f32, f32)> =
+            columns.clone().map(|x| x as f32 - u).map(|d| (d, falloff(d))).collect();
         let (mut strengths, mut directions) = (vec![0f32; across.len()], vec![0f32; across.len()]);
         for y in span(v, self.height) {
             let py = y as f32 - v;
@@ -271,15 +354,19 @@ impl Plane {
             // A pixel more on both sides: what lies on the very edge is for `take` to say.
             let from = ((u + from).floor() as usize).clamp(columns.start, columns.end);
             let to = (((u + to).ceil() + 1.0) as usize).clamp(from, columns.end);
-            let (count, row) = (to - from, |y: usize, x: usize| &self.data[y * self.width + x..][..to - from]);
-            let (left, right, above, below) = (row(y, from - 1), row(y, from + 1), row(y - 1, from), row(y + 1, from));
+            let (count, row) =
+                (to - from, |y: usize, x: usize| &self.data[y * self.width + x..][..to - from]);
+            let (left, right, above, below) =
+                (row(y, from - 1), row(y, from + 1), row(y - 1, from), row(y + 1, from));
             let (strengths, directions) = (&mut strengths[..count], &mut directions[..count]);
             for i in 0..count {
                 let (gx, gy) = (right[i] - left[i], below[i] - above[i]);
                 strengths[i] = (gx * gx + gy * gy).sqrt();
                 directions[i] = turns(gy, gx);
             }
-            for ((px, weight), (strength, direction)) in across[from - columns.start..].iter().zip(strengths.iter().zip(&*directions)) {
+            for ((px, weight), (strength, direction)) in
+                across[from - columns.start..].iter().zip(strengths.iter().zip(&*directions))
+            {
                 take(*px, py, strength * weight * down, *direction);
             }
         }
@@ -290,18 +377,24 @@ impl Plane {
         const BINS: usize = 36;
         let mut histogram = [0f32; BINS];
         let per_square = -0.5 / (1.5 * sigma).powi(2);
-        let (centre, radius, all) = ((u.round(), v.round()), (4.5 * sigma).round() as usize, |_| (f32::NEG_INFINITY, f32::INFINITY));
+        let (centre, radius, all) =
+            ((u.round(), v.round()), (4.5 * sigma).round() as usize, |_| {
+                (f32::NEG_INFINITY, f32::INFINITY)
+            });
         self.around(centre, radius, per_square, all, |_, _, strength, direction| {
             histogram[whole(direction * BINS as f32 + 0.5) % BINS] += strength;
         });
         for _ in 0..2 {
             let before = histogram;
             for (i, value) in histogram.iter_mut().enumerate() {
-                *value = 0.25 * before[(i + BINS - 1) % BINS] + 0.5 * before[i] + 0.25 * before[(i + 1) % BINS];
+                *value = 0.25 * before[(i + BINS - 1) % BINS]
+                    + 0.5 * before[i]
+                    + 0.25 * before[(i + 1) % BINS];
             }
         }
         let peak = (0..BINS).max_by(|a, b| histogram[*a].total_cmp(&histogram[*b])).unwrap_or(0);
-        let (l, c, r) = (histogram[(peak + BINS - 1) % BINS], histogram[peak], histogram[(peak + 1) % BINS]);
+        let (l, c, r) =
+            (histogram[(peak + BINS - 1) % BINS], histogram[peak], histogram[(peak + 1) % BINS]);
         let curvature = l - 2.0 * c + r;
         let offset = if curvature.abs() > 1e-12 { 0.5 * (l - r) / curvature } else { 0.0 };
         (peak as f32 + offset) / BINS as f32 * std::f32::consts::TAU
@@ -319,7 +412,9 @@ impl Plane {
         // The turned square's edges on a row: where either of its axes is left.
         let half = 2.5 / per_px;
         let within = |py: f32| {
-            let edges = |middle: f32, slope: f32| ((middle - half.copysign(slope)) / slope, (middle + half.copysign(slope)) / slope);
+            let edges = |middle: f32, slope: f32| {
+                ((middle - half.copysign(slope)) / slope, (middle + half.copysign(slope)) / slope)
+            };
             let (along, square) = (edges(-sin * py, cos), edges(cos * py, sin));
             (along.0.max(square.0), along.1.min(square.1))
         };
@@ -330,7 +425,8 @@ impl Plane {
             }
             let direction = direction - zero;
             let direction = 8.0 * if direction < 0.0 { direction + 1.0 } else { direction };
-            // Cells of margin hold what falls beside the sixteen, and what rounding carries to the very edge.
+            // Cells of margin hold what falls beside the sixteen, and what rounding carries to the
+            // very edge.
             let (bx, by) = (rx + 2.5, ry + 2.5);
             let (ix, iy, id) = (whole(bx), whole(by), whole(direction).min(7));
             let (fx, fy, fd) = (bx - ix as f32, by - iy as f32, direction - id as f32);
@@ -344,7 +440,8 @@ impl Plane {
             }
         });
         padded.iter_mut().for_each(|cell| cell[0] += cell[8]);
-        let mut histogram: [f32; 128] = std::array::from_fn(|i| padded[(i / 32 + 1) * 8 + i / 8 % 4 + 1][i % 8]);
+        let mut histogram: [f32; 128] =
+            std::array::from_fn(|i| padded[(i / 32 + 1) * 8 + i / 8 % 4 + 1][i % 8]);
         let norm = |h: &[f32; 128]| h.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
         let first = norm(&histogram);
         histogram.iter_mut().for_each(|v| *v = (*v / first).min(0.2));
@@ -354,12 +451,20 @@ impl Plane {
 }
 
 /// The strongest extrema of each cell first, then the strongest of all, up to `most`.
-fn spread(mut found: Vec<(f64, f64, Extremum)>, image: &SensorImage, most: usize) -> Vec<(f64, f64, Extremum)> {
-    found.sort_by(|a, b| b.2.response.total_cmp(&a.2.response).then(a.1.total_cmp(&b.1)).then(a.0.total_cmp(&b.0)));
+fn spread(
+    mut found: Vec<(f64, f64, Extremum)>,
+    image: &SensorImage,
+    most: usize,
+) -> Vec<(f64, f64, Extremum)> {
+    found.sort_by(|a, b| {
+        b.2.response.total_cmp(&a.2.response).then(a.1.total_cmp(&b.1)).then(a.0.total_cmp(&b.0))
+    });
     let quota = most.div_ceil(CELLS.0 * CELLS.1);
     let mut filled = vec![0usize; CELLS.0 * CELLS.1];
     let cell = |(u, v, _): &(f64, f64, Extremum)| {
-        let index = |c: f64, n: usize, cells: usize| ((c.max(0.0) / n as f64 * cells as f64) as usize).min(cells - 1);
+        let index = |c: f64, n: usize, cells: usize| {
+            ((c.max(0.0) / n as f64 * cells as f64) as usize).min(cells - 1)
+        };
         index(*v, image.light.height, CELLS.1) * CELLS.0 + index(*u, image.light.width, CELLS.0)
     };
     let (mut kept, rest): (Vec<_>, Vec<_>) = found.into_iter().partition(|k| {
@@ -400,7 +505,10 @@ mod tests {
                 for k in 0..160i32 {
                     let place = |m: i32, n: f64| (f64::from((k * m) % 163) / 163.0 - 0.5) * n;
                     let (bx, by, r) = (place(37, 300.0), place(61, 220.0), 2.5 + f64::from(k % 5));
-                    light *= 1.0 + 0.3 * (-((wx - bx).powi(2) + (wy - by).powi(2)) / (2.0 * r * r)).exp() * if k % 2 == 0 { 1.0 } else { -1.0 };
+                    light *= 1.0
+                        + 0.3
+                            * (-((wx - bx).powi(2) + (wy - by).powi(2)) / (2.0 * r * r)).exp()
+                            * if k % 2 == 0 { 1.0 } else { -1.0 };
                 }
                 image.pixels[(y * 320 + x) * 3..][..3].fill(gain * light as f32);
             }
@@ -412,15 +520,25 @@ mod tests {
     fn the_same_points_are_found_turned_shifted_and_dimmed() {
         let config = MatchingConfig::default();
         let (turn, shift) = (0.3, (7.3, -4.6));
-        let (a, b) = (keypoints(&picture(0.0, (0.0, 0.0), 1.0), &config), keypoints(&picture(turn, shift, 0.2), &config));
+        let (a, b) = (
+            keypoints(&picture(0.0, (0.0, 0.0), 1.0), &config),
+            keypoints(&picture(turn, shift, 0.2), &config),
+        );
         assert!(a.len() >= 30 && b.len() >= 30, "{} and {}", a.len(), b.len());
         let (sin, cos) = f64::sin_cos(turn);
         let mut errors = Vec::new();
         for k in &a {
             let (x, y) = (k.u - 160.0, k.v - 120.0);
             let (u, v) = (cos * x - sin * y + 160.0 + shift.0, sin * x + cos * y + 120.0 + shift.1);
-            let distance = |d: &Keypoint| k.descriptor.iter().zip(&d.descriptor).map(|(a, b)| i32::from(a - b).pow(2)).sum::<i32>();
-            let mut by_distance: Vec<(i32, &Keypoint)> = b.iter().map(|d| (distance(d), d)).collect();
+            let distance = |d: &Keypoint| {
+                k.descriptor
+                    .iter()
+                    .zip(&d.descriptor)
+                    .map(|(a, b)| i32::from(a - b).pow(2))
+                    .sum::<i32>()
+            };
+            let mut by_distance: Vec<(i32, &Keypoint)> =
+                b.iter().map(|d| (distance(d), d)).collect();
             by_distance.sort_by_key(|(distance, _)| *distance);
             // Lowe's ratio, as matching applies it.
             if f64::from(by_distance[0].0) < 0.64 * f64::from(by_distance[1].0) {
@@ -428,6 +546,10 @@ mod tests {
             }
         }
         let good = errors.iter().filter(|e| **e < 0.5).count();
-        assert!(good >= 20 && good * 10 >= errors.len() * 7, "{good} of {} within half a pixel: {errors:.1?}", errors.len());
+        assert!(
+            good >= 20 && good * 10 >= errors.len() * 7,
+            "{good} of {} within half a pixel: {errors:.1?}",
+            errors.len()
+        );
     }
 }

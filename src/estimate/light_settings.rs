@@ -1,11 +1,13 @@
-//! Exposure, gain and strobe power that change along the log (G of Eq. 10): which channels the pictures follow, and how.
+//! Exposure, gain and strobe power that change along the log (G of Eq. 10): which channels the
+//! pictures follow, and how.
 //!
-//! No driver says in its message whether its gain is a factor or counts decibels, nor whether a camera obeyed. The
-//! pictures do: from one frame to the next, points seen in both change by the ratio of the settings, beside what the
-//! step in height changes. Each channel is tried under both laws, and the one that explains most is taken, until none
-//! explains more. An exposure that follows the height itself, as a camera's own control does, leaves the pictures no
-//! say: such a channel is believed unless they contradict it. In: settings per frame. Out: the laws, and each frame's
-//! log gain.
+//! No driver says in its message whether its gain is a factor or counts decibels, nor whether a
+//! camera obeyed. The pictures do: from one frame to the next, points seen in both change by the
+//! ratio of the settings, beside what the step in height changes. Each channel is tried under both
+//! laws, and the one that explains most is taken, until none explains more. An exposure that
+//! follows the height itself, as a camera's own control does, leaves the pictures no say: such a
+//! channel is believed unless they contradict it. In: settings per frame. Out: the laws, and each
+//! frame's log gain.
 
 use std::collections::BTreeMap;
 
@@ -49,7 +51,11 @@ struct Change {
 }
 
 /// Which settings (each a number per frame) the frames follow.
-pub fn followed(frames: &[FrameSamples], tracks: &[Track], settings: &[Vec<f64>]) -> Vec<FollowedSetting> {
+pub fn followed(
+    frames: &[FrameSamples],
+    tracks: &[Track],
+    settings: &[Vec<f64>],
+) -> Vec<FollowedSetting> {
     if settings.is_empty() { Vec::new() } else { followed_by(changes(frames, tracks), settings) }
 }
 
@@ -58,17 +64,27 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
     loop {
         let unexplained = beside_height(&changes, |c| c.log_light);
         let mut best: Option<(f64, FollowedSetting, Vec<f64>)> = None;
-        for (index, values) in settings.iter().enumerate().filter(|(i, _)| found.iter().all(|f| f.index != *i)) {
+        for (index, values) in
+            settings.iter().enumerate().filter(|(i, _)| found.iter().all(|f| f.index != *i))
+        {
             for law in [LightLaw::Factor, LightLaw::Decibel] {
-                let logs: Option<Vec<f64>> = values.iter().map(|v| law.log_light(*v).filter(|l| l.is_finite())).collect();
+                let logs: Option<Vec<f64>> =
+                    values.iter().map(|v| law.log_light(*v).filter(|l| l.is_finite())).collect();
                 let Some(logs) = logs else { continue };
                 let step = |c: &Change| logs[c.frames.1] - logs[c.frames.0];
                 let size = beside_height(&changes, |c| c.log_light - step(c));
                 let whole = robust::mean_size(&changes.iter().map(step).collect::<Vec<_>>());
-                let is_of_height = whole > 0.0 && changes.len() >= LEAST_CHANGES && beside_height(&changes, step) < OF_HEIGHT * whole;
-                let allowed = if is_of_height { 1.0 + MOST_CONTRADICTED } else { 1.0 - LEAST_EXPLAINED };
+                let is_of_height = whole > 0.0
+                    && changes.len() >= LEAST_CHANGES
+                    && beside_height(&changes, step) < OF_HEIGHT * whole;
+                let allowed =
+                    if is_of_height { 1.0 + MOST_CONTRADICTED } else { 1.0 - LEAST_EXPLAINED };
                 if size < allowed * unexplained && best.as_ref().is_none_or(|b| size < b.0) {
-                    best = Some((size, FollowedSetting { index, law, reference: robust::median(values) }, logs));
+                    best = Some((
+                        size,
+                        FollowedSetting { index, law, reference: robust::median(values) },
+                        logs,
+                    ));
                 }
             }
         }
@@ -81,8 +97,8 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
 /// Rounds of reweighting.
 const ROUNDS: usize = 4;
 
-/// Mean size of what of a change is left when slopes over height and log height are taken out, by least squares, strays
-/// (a strobe that failed) weighing less.
+/// Mean size of what of a change is left when slopes over height and log height are taken out, by
+/// least squares, strays (a strobe that failed) weighing less.
 fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
     let values: Vec<f64> = changes.iter().map(of).collect();
     if changes.len() < LEAST_CHANGES {
@@ -98,7 +114,11 @@ fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
             right += row * *value * weight;
         }
         let Some(slopes) = normal.cholesky().map(|c| c.solve(&right)) else { break };
-        left = changes.iter().zip(&values).map(|(c, v)| v - slopes.dot(&Vector2::from(c.height))).collect();
+        left = changes
+            .iter()
+            .zip(&values)
+            .map(|(c, v)| v - slopes.dot(&Vector2::from(c.height)))
+            .collect();
     }
     robust::mean_size(&left)
 }
@@ -109,16 +129,24 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
     for track in tracks {
         for pair in track.windows(2).filter(|p| p[1].frame == p[0].frame + 1) {
             let bands = frames[pair[0].frame as usize].bands;
-            let change = (0..bands).map(|b| f64::from(pair[1].sight.log_color[b] - pair[0].sight.log_color[b])).sum::<f64>() / bands as f64;
+            let change = (0..bands)
+                .map(|b| f64::from(pair[1].sight.log_color[b] - pair[0].sight.log_color[b]))
+                .sum::<f64>()
+                / bands as f64;
             shared.entry(pair[0].frame as usize).or_default().push(change);
         }
     }
     let of_pair = |a: usize| {
         let by_mean = || {
-            let log_mean = |f: &FrameSamples| (0..f.bands).map(|b| f.mean_light[b].max(1e-9).ln()).sum::<f64>() / f.bands as f64;
+            let log_mean = |f: &FrameSamples| {
+                (0..f.bands).map(|b| f.mean_light[b].max(1e-9).ln()).sum::<f64>() / f.bands as f64
+            };
             log_mean(&frames[a + 1]) - log_mean(&frames[a])
         };
-        let log_light = shared.get(&a).filter(|s| s.len() >= LEAST_SHARED).map_or_else(by_mean, |s| robust::median(s));
+        let log_light = shared
+            .get(&a)
+            .filter(|s| s.len() >= LEAST_SHARED)
+            .map_or_else(by_mean, |s| robust::median(s));
         let (before, after) = (frames[a].camera_altitude_m, frames[a + 1].camera_altitude_m);
         Change { frames: (a, a + 1), log_light, height: [after - before, (after / before).ln()] }
     };
@@ -138,7 +166,11 @@ mod tests {
         let change = |i: usize| {
             let obeyed = if obeyed { log_set[i + 1] - log_set[i] } else { 0.0 };
             let log_light = by_height(i + 1) - by_height(i) + obeyed + noise(i);
-            Change { frames: (i, i + 1), log_light, height: [height(i + 1) - height(i), (height(i + 1) / height(i)).ln()] }
+            Change {
+                frames: (i, i + 1),
+                log_light,
+                height: [height(i + 1) - height(i), (height(i + 1) / height(i)).ln()],
+            }
         };
         let values = log_set.iter().map(|l| 800.0 * l.exp()).collect();
         followed_by((0..39).map(change).collect(), &[values])
@@ -148,7 +180,10 @@ mod tests {
     fn a_camera_that_sets_itself_by_what_it_sees_is_followed() {
         for share in [1.0, 0.5, 0.15] {
             let found = dive(|_, light| -share * light, true);
-            assert!(matches!(found.as_slice(), [FollowedSetting { law: LightLaw::Factor, .. }]), "{share}: {found:?}");
+            assert!(
+                matches!(found.as_slice(), [FollowedSetting { law: LightLaw::Factor, .. }]),
+                "{share}: {found:?}"
+            );
         }
     }
 

@@ -1,7 +1,8 @@
 //! Keypoints of two overlapping frames → pairs that one homography explains (paper §IV-B, Fig. 7).
 //!
-//! Nearest descriptors by Lowe's ratio, then RANSAC on undistorted image-plane coordinates (a plane seen from
-//! two places is related by a homography). Seeded by the frames' numbers: the same pairs every time.
+//! Nearest descriptors by Lowe's ratio, then RANSAC on undistorted image-plane coordinates (a plane
+//! seen from two places is related by a homography). Seeded by the frames' numbers: the same pairs
+//! every time.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -30,13 +31,22 @@ pub struct MatchedPair {
 }
 
 /// Indices of keypoints that are the same point of seafloor; `inlier` is in image-plane units.
-pub fn matches(a: &Matchable<'_>, b: &Matchable<'_>, config: &MatchingConfig, inlier: f64, seed: u64) -> Vec<(u32, u32)> {
+pub fn matches(
+    a: &Matchable<'_>,
+    b: &Matchable<'_>,
+    config: &MatchingConfig,
+    inlier: f64,
+    seed: u64,
+) -> Vec<(u32, u32)> {
     let candidates = nearest(a.keypoints, b.keypoints, config.ratio);
     if candidates.len() < config.least_inliers {
         return Vec::new();
     }
-    let places: Vec<[f64; 4]> =
-        candidates.iter().map(|(i, j)| [a.places[*i as usize], b.places[*j as usize]]).map(|[p, q]| [p.0, p.1, q.0, q.1]).collect();
+    let places: Vec<[f64; 4]> = candidates
+        .iter()
+        .map(|(i, j)| [a.places[*i as usize], b.places[*j as usize]])
+        .map(|[p, q]| [p.0, p.1, q.0, q.1])
+        .collect();
     let mut inliers = ransac(&places, inlier, seed);
     for _ in 0..2 {
         if inliers.len() < config.least_inliers {
@@ -64,11 +74,14 @@ fn nearest(a: &[Keypoint], b: &[Keypoint], ratio: f64) -> Vec<(u32, u32)> {
                 second = distance;
             }
         }
-        if f64::from(best) < ratio * ratio * f64::from(second) && suitor[at].is_none_or(|(d, _)| best < d) {
+        if f64::from(best) < ratio * ratio * f64::from(second)
+            && suitor[at].is_none_or(|(d, _)| best < d)
+        {
             suitor[at] = Some((best, i as u32));
         }
     }
-    let mut pairs: Vec<(u32, u32)> = suitor.iter().enumerate().filter_map(|(j, s)| Some((s.as_ref()?.1, j as u32))).collect();
+    let mut pairs: Vec<(u32, u32)> =
+        suitor.iter().enumerate().filter_map(|(j, s)| Some((s.as_ref()?.1, j as u32))).collect();
     pairs.sort_unstable();
     pairs
 }
@@ -95,13 +108,20 @@ fn homography(places: &[[f64; 4]]) -> Option<Homography> {
     let mut normal = SMatrix::<f64, 8, 8>::zeros();
     let mut right = SVector::<f64, 8>::zeros();
     for [x, y, u, v] in places {
-        for (row, value) in [([*x, *y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y], *u), ([0.0, 0.0, 0.0, *x, *y, 1.0, -v * x, -v * y], *v)] {
+        for (row, value) in [
+            ([*x, *y, 1.0, 0.0, 0.0, 0.0, -u * x, -u * y], *u),
+            ([0.0, 0.0, 0.0, *x, *y, 1.0, -v * x, -v * y], *v),
+        ] {
             let row = SVector::<f64, 8>::from(row);
             normal += row * row.transpose();
             right += row * value;
         }
     }
-    let h = if places.len() == 4 { normal.lu().solve(&right)? } else { normal.cholesky()?.solve(&right) };
+    let h = if places.len() == 4 {
+        normal.lu().solve(&right)?
+    } else {
+        normal.cholesky()?.solve(&right)
+    };
     h.iter().all(|v| v.is_finite()).then(|| [h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0])
 }
 
@@ -123,10 +143,12 @@ fn ransac(places: &[[f64; 4]], inlier: f64, seed: u64) -> Vec<usize> {
             continue;
         }
         let Some(h) = homography(&four.map(|i| places[i])) else { continue };
-        let inliers: Vec<usize> = (0..places.len()).filter(|i| misfit(&h, &places[*i]) < inlier).collect();
+        let inliers: Vec<usize> =
+            (0..places.len()).filter(|i| misfit(&h, &places[*i]) < inlier).collect();
         if inliers.len() > best.len() {
             let share = (inliers.len() as f64 / places.len() as f64).clamp(0.01, 0.999);
-            rounds = rounds.min(((0.0005f64).ln() / (1.0 - share.powi(4)).ln()).ceil() as usize + 20);
+            rounds =
+                rounds.min(((0.0005f64).ln() / (1.0 - share.powi(4)).ln()).ceil() as usize + 20);
             best = inliers;
         }
     }
@@ -144,7 +166,10 @@ mod tests {
         for i in 0..60 {
             let (x, y) = (f64::from(i * 37 % 61) / 61.0 - 0.5, f64::from(i * 23 % 59) / 59.0 - 0.5);
             let w = truth[6] * x + truth[7] * y + 1.0;
-            let (u, v) = ((truth[0] * x + truth[1] * y + truth[2]) / w, (truth[3] * x + truth[4] * y + truth[5]) / w);
+            let (u, v) = (
+                (truth[0] * x + truth[1] * y + truth[2]) / w,
+                (truth[3] * x + truth[4] * y + truth[5]) / w,
+            );
             places.push(if i % 3 == 0 { [x, y, -u, v + 0.3] } else { [x, y, u, v] });
         }
         assert_eq!(ransac(&places, 0.003, 7).len(), 40);

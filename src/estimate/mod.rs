@@ -1,9 +1,10 @@
 //! Pass one: samples → imaging model (paper §IV-B, IV-C).
 //!
-//! Three estimators of the attenuation stand side by side and all answer where the log allows: *joint* (the
-//! default), the paper's *pairs* (Eq. 16) and *altitude* slope (Fig. 6); the latter two with the beam pattern from
-//! angular bins (Eq. 17), in sweeps: "we also recompute the attenuation coefficients" (§IV-C). They see samples
-//! only, never a picture, so they run in moments in a test. What pass two does with the model does not live here.
+//! Three estimators of the attenuation stand side by side and all answer where the log allows:
+//! *joint* (the default), the paper's *pairs* (Eq. 16) and *altitude* slope (Fig. 6); the latter
+//! two with the beam pattern from angular bins (Eq. 17), in sweeps: "we also recompute the
+//! attenuation coefficients" (§IV-C). They see samples only, never a picture, so they run in
+//! moments in a test. What pass two does with the model does not live here.
 
 mod altitude_slope;
 mod angular_bins;
@@ -41,7 +42,9 @@ use crate::cores::{both, each};
 use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{Backscatter, BeamPattern, EstimatorAnswer, GlowTable, ImagingModel, Nodes, SpreadingModel};
+use crate::model::{
+    Backscatter, BeamPattern, EstimatorAnswer, GlowTable, ImagingModel, Nodes, SpreadingModel,
+};
 use crate::spaces::{Body, Optical, Transform};
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
@@ -64,7 +67,8 @@ pub struct Estimate {
     pub answers: BTreeMap<String, EstimatorAnswer>,
     /// why the attenuation is not identified, if it is not
     pub not_identified_because: Option<String>,
-    /// by how much standard deviations of the solve itself are too narrow, as all frames get some things wrong alike
+    /// by how much standard deviations of the solve itself are too narrow, as all frames get some
+    /// things wrong alike
     pub widened: f64,
 }
 
@@ -81,7 +85,8 @@ pub struct Samples<'s> {
     pub lamps: Lamps,
     /// whether nobody measured that: it came from these samples themselves, or is a guess
     pub strobe_is_free: bool,
-    /// what the water scatters back, which has been taken off the colours, and the tracks before it was
+    /// what the water scatters back, which has been taken off the colours, and the tracks before it
+    /// was
     pub glow: Option<(&'s FoundBackscatter, &'s [Track])>,
     /// nodes of α in time
     pub drift: Option<&'s FoundDrift>,
@@ -90,8 +95,22 @@ pub struct Samples<'s> {
 }
 
 impl<'s> Samples<'s> {
-    fn plain(frames: &'s [FrameSamples], tracks: &'s [Track], body_from_optical: Transform<Body, Optical>, lamps: Lamps) -> Self {
-        Self { frames, tracks, body_from_optical, lamps, strobe_is_free: false, glow: None, drift: None, unmodelled_glow: None }
+    fn plain(
+        frames: &'s [FrameSamples],
+        tracks: &'s [Track],
+        body_from_optical: Transform<Body, Optical>,
+        lamps: Lamps,
+    ) -> Self {
+        Self {
+            frames,
+            tracks,
+            body_from_optical,
+            lamps,
+            strobe_is_free: false,
+            glow: None,
+            drift: None,
+            unmodelled_glow: None,
+        }
     }
 
     /// A sight's ray: x/z, y/z in the image plane, and ℓ_s [m].
@@ -100,9 +119,14 @@ impl<'s> Samples<'s> {
         (hit.x / hit.z, hit.y / hit.z, sight.seafloor_to_camera_m)
     }
 
-    /// Moments of the frames that have pings of their own: frames nearer than [`PINGS_SHARED_S`] get the same things wrong.
+    /// Moments of the frames that have pings of their own: frames nearer than [`PINGS_SHARED_S`]
+    /// get the same things wrong.
     fn moments(&self) -> usize {
-        self.frames.iter().map(|f| (f.stamp.0 as f64 * 1e-9 / PINGS_SHARED_S) as i64).collect::<BTreeSet<_>>().len()
+        self.frames
+            .iter()
+            .map(|f| (f.stamp.0 as f64 * 1e-9 / PINGS_SHARED_S) as i64)
+            .collect::<BTreeSet<_>>()
+            .len()
     }
 
     /// What the joint solve is told in any case.
@@ -123,7 +147,13 @@ impl<'s> Samples<'s> {
         }
     }
 
-    fn model(&self, attenuation_per_m: Bands, spreading: SpreadingModel, beam_pattern: BeamPattern, config: &EstimateConfig) -> ImagingModel {
+    fn model(
+        &self,
+        attenuation_per_m: Bands,
+        spreading: SpreadingModel,
+        beam_pattern: BeamPattern,
+        config: &EstimateConfig,
+    ) -> ImagingModel {
         ImagingModel {
             bands: self.bands(),
             attenuation_per_m,
@@ -180,10 +210,10 @@ const TURNS: usize = 3;
 /// Frames nearer than this share their pings [s].
 const PINGS_SHARED_S: f64 = 2.5;
 
-/// Samples → model: the strobe is placed, frames lit unevenly are set right, what the water scatters back is taken off,
-/// and then attenuation and beam pattern are estimated. `given` is the strobe's mount, and whether it was measured;
-/// `settings` are what camera and strobe were set to, each a number per frame; `instrument` is where the range instrument
-/// sits in the body [m].
+/// Samples → model: the strobe is placed, frames lit unevenly are set right, what the water
+/// scatters back is taken off, and then attenuation and beam pattern are estimated. `given` is the
+/// strobe's mount, and whether it was measured; `settings` are what camera and strobe were set to,
+/// each a number per frame; `instrument` is where the range instrument sits in the body [m].
 ///
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen estimator, or all, cannot answer.
@@ -198,16 +228,31 @@ pub fn understand(
 ) -> Result<Understood> {
     let followed = light_settings::followed(&frames, &tracks, settings);
     for setting in &followed {
-        let log_gain = |v: &f64| setting.law.log_light(*v).zip(setting.law.log_light(setting.reference)).map_or(0.0, |(v, r)| v - r);
+        let log_gain = |v: &f64| {
+            setting
+                .law
+                .log_light(*v)
+                .zip(setting.law.log_light(setting.reference))
+                .map_or(0.0, |(v, r)| v - r)
+        };
         let log_gains: Vec<f64> = settings[setting.index].iter().map(log_gain).collect();
         frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
     }
-    // Seen from the wrong place a frame at the dive's edge looks as if it had got another light: the strobe comes first.
+    // Seen from the wrong place a frame at the dive's edge looks as if it had got another light:
+    // the strobe comes first.
     let placed = |frames: &[FrameSamples], tracks: &[Track]| {
-        strobe_search::place_strobe(&Samples::plain(frames, tracks, body_from_optical, given.0), given.1, None, config)
+        strobe_search::place_strobe(
+            &Samples::plain(frames, tracks, body_from_optical, given.0),
+            given.1,
+            None,
+            config,
+        )
     };
     let mut strobe = placed(&frames, &tracks);
-    let log_gains = frame_gains::uneven_light(&Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps), config);
+    let log_gains = frame_gains::uneven_light(
+        &Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps),
+        config,
+    );
     if log_gains.iter().any(|g| *g != 0.0) {
         frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
         strobe = placed(&frames, &tracks);
@@ -216,7 +261,8 @@ pub fn understand(
     let lit = Samples::plain(&frames, &tracks, body_from_optical, given.0);
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let can_tell = lit.altitude_varies(config) && tracks.len() >= config.least_pairs;
-    let moves = config.strobe_position != StrobePosition::Fixed && (!given.1 || config.strobe_position != StrobePosition::Auto);
+    let moves = config.strobe_position != StrobePosition::Fixed
+        && (!given.1 || config.strobe_position != StrobePosition::Auto);
     let mut backscatter = None;
     let mut freed: Option<(Vec<FrameSamples>, Vec<Track>)> = None;
     let mut unmodelled = None;
@@ -237,7 +283,12 @@ pub fn understand(
         let off = found.taken_off(&placed);
         let before = strobe.lamps.origin().vector();
         let begun = moves.then_some(strobe.lamps);
-        let anew = strobe_search::place_strobe(&Samples::plain(&off.0, &off.1, body_from_optical, given.0), given.1, begun, config);
+        let anew = strobe_search::place_strobe(
+            &Samples::plain(&off.0, &off.1, body_from_optical, given.0),
+            given.1,
+            begun,
+            config,
+        );
         // A place that cannot be found once more stays what it was.
         if anew.source.is_some() || strobe.source.is_none() {
             strobe = anew;
@@ -251,10 +302,17 @@ pub fn understand(
     let raw_tracks = tracks;
     let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
     let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps);
-    (all.strobe_is_free, all.glow) = (strobe.source.is_some() || (!given.1 && can_tell), backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())));
+    (all.strobe_is_free, all.glow) = (
+        strobe.source.is_some() || (!given.1 && can_tell),
+        backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())),
+    );
     all.unmodelled_glow = unmodelled;
     let estimated = || {
-        let drift = if config.drift == Switch::Off || !can_tell { None } else { drift::find(&all, &all.setting(nodes, config)) };
+        let drift = if config.drift == Switch::Off || !can_tell {
+            None
+        } else {
+            drift::find(&all, &all.setting(nodes, config))
+        };
         estimate(&Samples { drift: drift.as_ref(), ..all }, config)
     };
     let (mounts, estimate) = both(|| check_mounts(&all, instrument, config), estimated);
@@ -269,7 +327,8 @@ pub fn understand(
     Ok(Understood { estimate, strobe, backscatter, followed, log_gains, mounts, frames })
 }
 
-/// Frames as a model that is given takes them: their light set right by `log_gains`, and freed of what is scattered back.
+/// Frames as a model that is given takes them: their light set right by `log_gains`, and freed of
+/// what is scattered back.
 pub fn as_modelled(
     mut frames: Vec<FrameSamples>,
     log_gains: &[f64],
@@ -294,12 +353,14 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
     let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
-    let estimators: [(&str, EstimatorOf); 3] = [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
+    let estimators: [(&str, EstimatorOf); 3] =
+        [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
     let said: Vec<_> = each(estimators.to_vec(), |(name, run)| (name, run(samples, nodes, config)));
     for (name, said) in said {
         match said {
             Ok(mut candidate) => {
-                // The paper's estimators take the seafloor's own pattern for the beam's: the joint solve shows by how much.
+                // The paper's estimators take the seafloor's own pattern for the beam's: the joint
+                // solve shows by how much.
                 if let Some(joint) = answers.get("joint") {
                     candidate.less_sure_by(joint);
                 }
@@ -307,7 +368,10 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
                 found.insert(name, candidate);
             }
             Err(note) => {
-                answers.insert(name.into(), EstimatorAnswer { note: Some(note), ..EstimatorAnswer::default() });
+                answers.insert(
+                    name.into(),
+                    EstimatorAnswer { note: Some(note), ..EstimatorAnswer::default() },
+                );
             }
         }
     }
@@ -319,14 +383,28 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     };
     let chosen = order.iter().find_map(|name| found.remove_entry(name));
     let Some((estimator, candidate)) = chosen else {
-        let reason = order.iter().filter_map(|n| Some(format!("{n}: {}", answers.get(*n)?.note.as_ref()?))).collect::<Vec<_>>().join("; ");
-        let remedy = "use a model from another stretch or dive of the same water and strobe: --model MODEL.json".into();
+        let reason = order
+            .iter()
+            .filter_map(|n| Some(format!("{n}: {}", answers.get(*n)?.note.as_ref()?)))
+            .collect::<Vec<_>>()
+            .join("; ");
+        let remedy = "use a model from another stretch or dive of the same water and strobe: \
+                      --model MODEL.json"
+            .into();
         return Err(Error::NotEstimated { reason, remedy });
     };
-    // The others know of neither scattered light nor drop-outs, and where points abound the joint solve fails for a reason.
-    let without_joint = || answers.get("joint")?.note.clone().filter(|_| samples.tracks.len() >= config.least_pairs);
-    let stands_in = if config.estimator == Estimator::Auto && estimator != "joint" { without_joint() } else { None };
-    let not_identified_because = not_identified(&candidate, samples, config).or(stands_in.map(|why| format!("the joint solve failed ({why})")));
+    // The others know of neither scattered light nor drop-outs, and where points abound the joint
+    // solve fails for a reason.
+    let without_joint = || {
+        answers.get("joint")?.note.clone().filter(|_| samples.tracks.len() >= config.least_pairs)
+    };
+    let stands_in = if config.estimator == Estimator::Auto && estimator != "joint" {
+        without_joint()
+    } else {
+        None
+    };
+    let not_identified_because = not_identified(&candidate, samples, config)
+        .or(stands_in.map(|why| format!("the joint solve failed ({why})")));
     Ok(Estimate {
         model: candidate.model,
         attenuation_std_per_m: candidate.std_per_m,

@@ -1,9 +1,10 @@
 //! What the log says against the camera's clock and the range instrument's mount.
 //!
-//! A clock that is late shows every frame the plane of another moment: where the robot climbs, all its points are too
-//! dark or too bright for the altitude they are given. A mount that is turned tilts every plane alike. Both are in the
-//! residual of the joint solve: three numbers, found as the strobe's place is. They are reported, never applied: stamps
-//! and mounts are the user's word. In: samples with the planes shortly before and after each frame.
+//! A clock that is late shows every frame the plane of another moment: where the robot climbs, all
+//! its points are too dark or too bright for the altitude they are given. A mount that is turned
+//! tilts every plane alike. Both are in the residual of the joint solve: three numbers, found as
+//! the strobe's place is. They are reported, never applied: stamps and mounts are the user's word.
+//! In: samples with the planes shortly before and after each frame.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -22,7 +23,8 @@ use crate::vehicle::Lamps;
 
 /// Observations that hold three numbers well enough.
 const MOST_OBSERVATIONS: usize = 8_000;
-/// What counts as a contradiction, if it is also surer than five standard deviations: few frames share their pings.
+/// What counts as a contradiction, if it is also surer than five standard deviations: few frames
+/// share their pings.
 const LEAST_OFFSET_S: f64 = 0.03;
 const LEAST_TURN_RAD: f64 = 0.012;
 const SURE: f64 = 5.0;
@@ -59,17 +61,21 @@ impl FoundMounts {
 
     /// Whether the camera's clock is contradicted.
     pub fn contradicts_clock(&self) -> bool {
-        self.gains() && self.clock_offset_s.abs() > LEAST_OFFSET_S.max(SURE * self.clock_offset_std_s)
+        self.gains()
+            && self.clock_offset_s.abs() > LEAST_OFFSET_S.max(SURE * self.clock_offset_std_s)
     }
 
     /// Whether the mount is.
     pub fn contradicts_mount(&self) -> bool {
-        let surely = |k: usize| self.turn_about_axes_rad[k].abs() > LEAST_TURN_RAD.max(SURE * self.turn_std_rad[k]);
+        let surely = |k: usize| {
+            self.turn_about_axes_rad[k].abs() > LEAST_TURN_RAD.max(SURE * self.turn_std_rad[k])
+        };
         self.gains() && (surely(0) || surely(1))
     }
 }
 
-/// The camera's clock off by x [s], and the planes turned by y, z about the camera's axes [rad] around the instrument.
+/// The camera's clock off by x [s], and the planes turned by y, z about the camera's axes [rad]
+/// around the instrument.
 struct Shift<'s> {
     samples: &'s Samples<'s>,
     by: Vector3<f64>,
@@ -106,23 +112,40 @@ impl Shift<'_> {
             (towards > 0.05 && along > 0.0).then(|| along / towards)
         };
         // What stands over the plane as given stands over the other.
-        let seafloor_to_camera_m = o.sight.seafloor_to_camera_m + far(&normal, distance)? - far(&frame.normal.vector(), frame.distance_m)?;
-        let own_normal = Direction::from_vector(o.sight.normal.vector() + normal - frame.normal.vector())?;
+        let seafloor_to_camera_m = o.sight.seafloor_to_camera_m + far(&normal, distance)?
+            - far(&frame.normal.vector(), frame.distance_m)?;
+        let own_normal =
+            Direction::from_vector(o.sight.normal.vector() + normal - frame.normal.vector())?;
         let hit = Point::from_vector(camera + ray * seafloor_to_camera_m);
         Sight { hit, seafloor_to_camera_m, normal: own_normal, ..o.sight }.path(mount)
     }
 }
 
-/// Seeks what fits better; `None` where the log cannot tell. `instrument` is where the range instrument sits in the body [m].
-pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &EstimateConfig) -> Option<FoundMounts> {
-    let can_tell = samples.tracks.len() >= config.least_pairs && samples.altitude_varies(config) && samples.frames.len() >= LEAST_FRAMES;
+/// Seeks what fits better; `None` where the log cannot tell. `instrument` is where the range
+/// instrument sits in the body [m].
+pub fn check_mounts(
+    samples: &Samples<'_>,
+    instrument: Vector3<f64>,
+    config: &EstimateConfig,
+) -> Option<FoundMounts> {
+    let can_tell = samples.tracks.len() >= config.least_pairs
+        && samples.altitude_varies(config)
+        && samples.frames.len() >= LEAST_FRAMES;
     // Scattered light that is not modelled looks like any tilt.
     if !can_tell || samples.unmodelled_glow.is_some() {
         return None;
     }
     let observations: usize = samples.tracks.iter().map(Vec::len).sum();
-    let some: Vec<Track> = samples.tracks.iter().step_by(observations.div_ceil(MOST_OBSERVATIONS).max(1)).cloned().collect();
-    let setting = Setting { rounds: 5, ..samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config) };
+    let some: Vec<Track> = samples
+        .tracks
+        .iter()
+        .step_by(observations.div_ceil(MOST_OBSERVATIONS).max(1))
+        .cloned()
+        .collect();
+    let setting = Setting {
+        rounds: 5,
+        ..samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config)
+    };
     let mount = samples.lamps;
     let at = |by: Vector3<f64>| Shift { samples, by, instrument };
     let asked_at = |by: Vector3<f64>| {
@@ -137,7 +160,9 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
                 at(by).path(o, mount)
             }
         };
-        let mut places: Vec<Place<'_>> = (0..3).map(|k| Place { step: [0.02, 0.005, 0.005][k], path: Box::new(moved(k)) }).collect();
+        let mut places: Vec<Place<'_>> = (0..3)
+            .map(|k| Place { step: [0.02, 0.005, 0.005][k], path: Box::new(moved(k)) })
+            .collect();
         if samples.strobe_is_free {
             places.extend(strobe_places(mount, &paths));
         }
@@ -151,7 +176,8 @@ pub fn check_mounts(samples: &Samples<'_>, instrument: Vector3<f64>, config: &Es
         turn_about_axes_rad: [place.y, place.z],
         turn_std_rad: [std.y, std.z],
         residual,
-        turn_is_attitudes: samples.frames.iter().filter(|f| f.is_level_assumed).count() * 2 > samples.frames.len(),
+        turn_is_attitudes: samples.frames.iter().filter(|f| f.is_level_assumed).count() * 2
+            > samples.frames.len(),
         at_least: samples.strobe_is_free,
     })
 }

@@ -1,4 +1,5 @@
-//! Robust statistics the estimators share: a spread that strays do not move, and the weight of a misfit.
+//! Robust statistics the estimators share: a spread that strays do not move, and the weight of a
+//! misfit.
 
 /// Median of values; NaN for none. Reorders nothing of the caller's.
 pub fn median(values: &[f64]) -> f64 {

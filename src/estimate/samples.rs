@@ -1,13 +1,16 @@
-//! Pixels → samples, to stop needing pixels: colours of keypoints' patches and of a coarse grid (paper §IV-B).
+//! Pixels → samples, to stop needing pixels: colours of keypoints' patches and of a coarse grid
+//! (paper §IV-B).
 //!
-//! Colours are pooled in *linear* light under a Gaussian that covers the same metres of seafloor in every view
-//! of a point: pooled over the same number of pixels instead, the farther view averages more seafloor, and the
-//! log of a mean is not the mean of logs (−0.02 per metre in α). So each keypoint is pooled over a ladder of
-//! footprints, fixed in metres, and views that meet later agree on a rung. Then the logarithm. Patches with
-//! clipped pixels, near black, or reaching over the edge give none. A mosaic is pooled as it is, each band over its
-//! own pixels: demosaicing lets green's curvature leak into dim red, and keypoints are where curvature is greatest.
+//! Colours are pooled in *linear* light under a Gaussian that covers the same metres of seafloor in
+//! every view of a point: pooled over the same number of pixels instead, the farther view averages
+//! more seafloor, and the log of a mean is not the mean of logs (−0.02 per metre in α). So each
+//! keypoint is pooled over a ladder of footprints, fixed in metres, and views that meet later agree
+//! on a rung. Then the logarithm. Patches with clipped pixels, near black, or reaching over the
+//! edge give none. A mosaic is pooled as it is, each band over its own pixels: demosaicing lets
+//! green's curvature leak into dim red, and keypoints are where curvature is greatest.
 //!
-//! A sample keeps what does not depend on where the strobe is; the light path is derived when asked.
+//! A sample keeps what does not depend on where the strobe is; the light path is derived when
+//! asked.
 
 use std::ops::Range;
 
@@ -20,7 +23,8 @@ use crate::vehicle::Lamps;
 
 use super::keypoints::{Keypoint, keypoints};
 
-/// Rungs of the ladder from a keypoint's own smallest on: factor √2 each, so views up to 4× nearer find theirs.
+/// Rungs of the ladder from a keypoint's own smallest on: factor √2 each, so views up to 4× nearer
+/// find theirs.
 const RUNGS: usize = 5;
 /// Rungs beyond what the planes ask for: on relief that is followed, slopes are steeper.
 const SPARE_RUNGS: i32 = 1;
@@ -114,15 +118,17 @@ fn footprint_m(rung: i32) -> f64 {
 /// A pixel is itself a mean over its square, so much of a Gaussian's variance [px²].
 const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
-/// Metres of seafloor to a pixel along the picture's rows and columns: of the circle on the seafloor, seen as an ellipse,
-/// both the shape and the area. Slant range alone would not do: a pixel off the axis sees a smaller angle, and a
-/// floor that it meets at a slant is drawn out.
+/// Metres of seafloor to a pixel along the picture's rows and columns: of the circle on the
+/// seafloor, seen as an ellipse, both the shape and the area. Slant range alone would not do: a
+/// pixel off the axis sees a smaller angle, and a floor that it meets at a slant is drawn out.
 fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Option<[f64; 2]> {
-    let along = |du: f64, dv: f64| Some(view.seafloor_point(u + du, v + dv)?.hit.vector() - hit.vector());
+    let along =
+        |du: f64, dv: f64| Some(view.seafloor_point(u + du, v + dv)?.hit.vector() - hit.vector());
     let (across, down) = (along(1.0, 0.0)?, along(0.0, 1.0)?);
     let area = across.cross(&down).norm();
     let aspect = across.norm() / down.norm();
-    Some([(area * aspect).sqrt(), (area / aspect).sqrt()]).filter(|m| m.iter().all(|m| *m > 0.0 && m.is_finite()))
+    Some([(area * aspect).sqrt(), (area / aspect).sqrt()])
+        .filter(|m| m.iter().all(|m| *m > 0.0 && m.is_finite()))
 }
 
 /// The smallest footprint of a keypoint, where a pixel covers so much.
@@ -130,18 +136,23 @@ fn first_rung(pixel_m: f64, matching: &MatchingConfig) -> i32 {
     (2.0 * (matching.footprint_px * pixel_m / 1e-3).log2()).ceil() as i32
 }
 
-/// Metres of seafloor that the coarsest corner's pixel covers, times the focal length: how far up the ladders of frames that
-/// see the same points must go. Infinite where a corner sees no seafloor.
+/// Metres of seafloor that the coarsest corner's pixel covers, times the focal length: how far up
+/// the ladders of frames that see the same points must go. Infinite where a corner sees no
+/// seafloor.
 pub fn coarsest_m(view: &View<'_>) -> f64 {
     let (right, bottom) = (view.camera.width as f64 - 1.0, view.camera.height as f64 - 1.0);
     let corner = |(u, v): (f64, f64)| {
         let [across, down] = pixel_on_seafloor_m(view, u, v, &view.seafloor_point(u, v)?.hit)?;
         Some((across * down).sqrt() * view.camera.fx)
     };
-    [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)].map(|c| corner(c).unwrap_or(f64::INFINITY)).into_iter().fold(0.0, f64::max)
+    [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)]
+        .map(|c| corner(c).unwrap_or(f64::INFINITY))
+        .into_iter()
+        .fold(0.0, f64::max)
 }
 
-/// Takes the samples of one frame; keypoints where the coarsest view of any frame is told (`coarsest_m`).
+/// Takes the samples of one frame; keypoints where the coarsest view of any frame is told
+/// (`coarsest_m`).
 pub fn samples(
     (frame, stamp): (usize, Stamp),
     image: &SensorImage,
@@ -172,13 +183,30 @@ pub fn samples(
     let last_rung = first_rung(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_RUNGS);
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
-        let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y) else { continue };
-        let Some(pixel_m) = pixel_on_seafloor_m(view, keypoint.u, keypoint.v, &hit) else { continue };
+        let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y)
+        else {
+            continue;
+        };
+        let Some(pixel_m) = pixel_on_seafloor_m(view, keypoint.u, keypoint.v, &hit) else {
+            continue;
+        };
         let first_rung = first_rung((pixel_m[0] * pixel_m[1]).sqrt(), matching);
-        let sigma_px = |rung: i32| pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt());
-        let on_rung = |rung: i32| if rung <= last_rung { pooled(image, keypoint.u, keypoint.v, sigma_px(rung), config) } else { [f32::NAN; 3] };
+        let sigma_px = |rung: i32| {
+            pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt())
+        };
+        let on_rung = |rung: i32| {
+            if rung <= last_rung {
+                pooled(image, keypoint.u, keypoint.v, sigma_px(rung), config)
+            } else {
+                [f32::NAN; 3]
+            }
+        };
         let ladder = std::array::from_fn(|k| on_rung(first_rung + k as i32));
-        taken.sights.push(KeypointSight { sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] }, first_rung, ladder });
+        taken.sights.push(KeypointSight {
+            sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] },
+            first_rung,
+            ladder,
+        });
         taken.places.push((x, y));
         taken.keypoints.push(keypoint);
     }
@@ -189,7 +217,10 @@ impl KeypointSight {
     /// The colour on a rung, `None` where it was not taken or is no measurement.
     pub fn on_rung(&self, rung: i32, bands: usize) -> Option<Sight> {
         let log_color = *self.ladder.get(usize::try_from(rung - self.first_rung).ok()?)?;
-        log_color[..bands].iter().all(|v| v.is_finite()).then_some(Sight { log_color, ..self.sight })
+        log_color[..bands]
+            .iter()
+            .all(|v| v.is_finite())
+            .then_some(Sight { log_color, ..self.sight })
     }
 }
 
@@ -220,18 +251,30 @@ impl Pool {
     }
 }
 
-/// Rows are summed in single precision, so many at a time, and then in double: a whole picture keeps its digits.
+/// Rows are summed in single precision, so many at a time, and then in double: a whole picture
+/// keeps its digits.
 const ROWS_AT_ONCE: usize = 64;
 
-/// Pools linear light with separable weights: rows into one row, many values at a time, and then along that.
-fn pool(image: &SensorImage, columns: Range<usize>, rows: Range<usize>, across: impl Fn(usize) -> f32, down: impl Fn(usize) -> f32) -> Pool {
+/// Pools linear light with separable weights: rows into one row, many values at a time, and then
+/// along that.
+fn pool(
+    image: &SensorImage,
+    columns: Range<usize>,
+    rows: Range<usize>,
+    across: impl Fn(usize) -> f32,
+    down: impl Fn(usize) -> f32,
+) -> Pool {
     let (light, bands) = (&image.light, image.light.bands);
     let across: Vec<f32> = columns.clone().map(across).collect();
     let mut pooled = Pool::default();
     let mut of_columns = vec![0f32; across.len() * bands];
     // Even rows of a mosaic hold other bands than odd ones; of any other picture they are alike.
     let turns = if image.mosaic.is_some() { 2 } else { 1 };
-    for (first, turn) in rows.clone().step_by(ROWS_AT_ONCE).flat_map(|first| (0..turns).map(move |turn| (first + turn, turn))) {
+    for (first, turn) in rows
+        .clone()
+        .step_by(ROWS_AT_ONCE)
+        .flat_map(|first| (0..turns).map(move |turn| (first + turn, turn)))
+    {
         of_columns.fill(0.0);
         let mut all_down = 0f32;
         let last = rows.end.min(first - turn + ROWS_AT_ONCE);
@@ -239,7 +282,11 @@ fn pool(image: &SensorImage, columns: Range<usize>, rows: Range<usize>, across: 
             let weight = down(y);
             all_down += weight;
             let start = (y * light.width + columns.start) * bands;
-            pooled.largest = pooled.largest.max(add_row(&light.pixels[start..start + of_columns.len()], weight, &mut of_columns));
+            pooled.largest = pooled.largest.max(add_row(
+                &light.pixels[start..start + of_columns.len()],
+                weight,
+                &mut of_columns,
+            ));
         }
         for ((x, pixel), w) in columns.clone().zip(of_columns.chunks_exact(bands)).zip(&across) {
             for (b, value) in pixel.iter().enumerate() {
@@ -267,27 +314,55 @@ fn add_row(row: &[f32], weight: f32, sums: &mut [f32]) -> f32 {
     largest.iter().chain(rest).copied().fold(0.0, f32::max)
 }
 
-/// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near black.
-fn pooled(image: &SensorImage, u: f64, v: f64, sigma_px: [f64; 2], config: &EstimateConfig) -> [f32; 3] {
+/// Log of linear light under a Gaussian; NaN over the edge, where a pixel is clipped, or near
+/// black.
+fn pooled(
+    image: &SensorImage,
+    u: f64,
+    v: f64,
+    sigma_px: [f64; 2],
+    config: &EstimateConfig,
+) -> [f32; 3] {
     let span = |centre: f64, sigma_px: f64, size: usize| {
         let (centre, radius) = (centre.round() as isize, (PATCH_SIGMAS * sigma_px).ceil() as isize);
-        (centre >= radius && centre + radius < size as isize).then(|| (centre - radius) as usize..(centre + radius + 1) as usize)
+        (centre >= radius && centre + radius < size as isize)
+            .then(|| (centre - radius) as usize..(centre + radius + 1) as usize)
     };
-    let (columns, rows) = (span(u, sigma_px[0], image.light.width), span(v, sigma_px[1], image.light.height));
+    let (columns, rows) =
+        (span(u, sigma_px[0], image.light.width), span(v, sigma_px[1], image.light.height));
     let (Some(columns), Some(rows)) = (columns, rows) else { return [f32::NAN; 3] };
-    let falloff = |centre: f64, sigma_px: f64| move |c: usize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32;
-    log_color(&pool(image, columns, rows, falloff(u, sigma_px[0]), falloff(v, sigma_px[1])), image.bands(), config)
+    let falloff = |centre: f64, sigma_px: f64| {
+        move |c: usize| (-((c as f64 - centre) / sigma_px).powi(2) / 2.0).exp() as f32
+    };
+    log_color(
+        &pool(image, columns, rows, falloff(u, sigma_px[0]), falloff(v, sigma_px[1])),
+        image.bands(),
+        config,
+    )
 }
 
 fn log_color(pool: &Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {
     let usable = f64::from(pool.largest) < config.clipped_above;
     let mean = pool.mean();
-    std::array::from_fn(|b| if b < bands && usable && mean[b] >= config.dark_below { (mean[b] as f32).ln() } else { f32::NAN })
+    std::array::from_fn(|b| {
+        if b < bands && usable && mean[b] >= config.dark_below {
+            (mean[b] as f32).ln()
+        } else {
+            f32::NAN
+        }
+    })
 }
 
-/// Sights of a grid's blocks, and the mean light of the whole picture, which they and what is left beside them make up.
-fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &EstimateConfig) -> (Vec<(u32, Sight)>, [f64; 3]) {
-    // As many blocks for a large picture as for a small one: what is kept must not grow with the camera.
+/// Sights of a grid's blocks, and the mean light of the whole picture, which they and what is left
+/// beside them make up.
+fn grid(
+    image: &SensorImage,
+    view: &View<'_>,
+    reduction: usize,
+    config: &EstimateConfig,
+) -> (Vec<(u32, Sight)>, [f64; 3]) {
+    // As many blocks for a large picture as for a small one: what is kept must not grow with the
+    // camera.
     let step = config.grid_step_px * reduction;
     let (width, height, bands) = (image.light.width, image.light.height, image.bands());
     let (columns, rows) = (width / step, height / step);
@@ -302,8 +377,13 @@ fn grid(image: &SensorImage, view: &View<'_>, reduction: usize, config: &Estimat
                 continue;
             }
             let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;
-            if let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point(centre(column), centre(row)) {
-                sights.push(((row * columns + column) as u32, Sight { hit, seafloor_to_camera_m, normal, log_color }));
+            if let Some(Sighted { hit, seafloor_to_camera_m, normal }) =
+                view.seafloor_point(centre(column), centre(row))
+            {
+                sights.push((
+                    (row * columns + column) as u32,
+                    Sight { hit, seafloor_to_camera_m, normal, log_color },
+                ));
             }
         }
     }
@@ -317,7 +397,8 @@ mod tests {
     use crate::spaces::Transform;
     use crate::vehicle::{Camera, Rig, StrobeMount};
 
-    /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the picture's rows.
+    /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the
+    /// picture's rows.
     fn over<T>(tipped_deg: f64, ask: impl FnOnce(&View<'_>) -> T) -> T {
         let (sin, cos) = tipped_deg.to_radians().sin_cos();
         let camera = Camera::from_field_of_view(640, 480, 60.0);
@@ -328,8 +409,16 @@ mod tests {
             body_from_dvl: Transform::identity(),
             strobe: StrobeMount { lamps: Lamps::one(Transform::identity()), source: None },
         };
-        let normal = Direction::from_vector(nalgebra::Vector3::new(0.0, sin, cos)).expect("a normal");
-        let plane = SeafloorPlane { normal, distance_m: 2.0 * cos, support: Support::LeastSquares, hits: 4, residual_m: 0.0, nearest_ping_s: 0.0 };
+        let normal =
+            Direction::from_vector(nalgebra::Vector3::new(0.0, sin, cos)).expect("a normal");
+        let plane = SeafloorPlane {
+            normal,
+            distance_m: 2.0 * cos,
+            support: Support::LeastSquares,
+            hits: 4,
+            residual_m: 0.0,
+            nearest_ping_s: 0.0,
+        };
         ask(&View { camera: &camera, rig: &rig, plane: &plane, relief: None })
     }
 
@@ -337,23 +426,40 @@ mod tests {
     fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
         over(tipped_deg, |view| {
             let hit = view.seafloor_point(u, v).expect("a place").hit;
-            pixel_on_seafloor_m(view, u, v, &hit).map(|m| m.map(|m| m * view.camera.fx)).expect("its size")
+            pixel_on_seafloor_m(view, u, v, &hit)
+                .map(|m| m.map(|m| m * view.camera.fx))
+                .expect("its size")
         })
     }
 
     #[test]
     fn ladders_go_as_far_up_as_the_coarsest_corner() {
         assert!((over(0.0, coarsest_m) - 2.0).abs() < 1e-2, "a level floor is alike all over");
-        let [near, far] = [metres(0.0, 0.0, 30.0), metres(0.0, 479.0, 30.0)].map(|[a, b]| (a * b).sqrt());
-        assert!((over(30.0, coarsest_m) - near.max(far)).abs() < 1e-9 && near.max(far) > 2.0 * near.min(far), "{near} and {far}");
-        assert_eq!(over(75.0, coarsest_m), f64::INFINITY, "where the horizon is in sight, nobody knows");
+        let [near, far] =
+            [metres(0.0, 0.0, 30.0), metres(0.0, 479.0, 30.0)].map(|[a, b]| (a * b).sqrt());
+        assert!(
+            (over(30.0, coarsest_m) - near.max(far)).abs() < 1e-9
+                && near.max(far) > 2.0 * near.min(far),
+            "{near} and {far}"
+        );
+        assert_eq!(
+            over(75.0, coarsest_m),
+            f64::INFINITY,
+            "where the horizon is in sight, nobody knows"
+        );
         assert_eq!(first_rung(f64::INFINITY, &MatchingConfig::default()), i32::MAX);
     }
 
     #[test]
     fn a_pixel_covers_as_much_floor_as_lies_square_to_the_axis_and_more_on_a_slope() {
-        let near = |is: [f64; 2], ought: [f64; 2]| assert!((0..2).all(|i| (is[i] / ought[i] - 1.0).abs() < 5e-3), "{is:?} instead of {ought:?}");
-        // Slant range would say 2.4 m in the corner; it is the depth along the axis, 2 m, that a pixel's size goes by.
+        let near = |is: [f64; 2], ought: [f64; 2]| {
+            assert!(
+                (0..2).all(|i| (is[i] / ought[i] - 1.0).abs() < 5e-3),
+                "{is:?} instead of {ought:?}"
+            )
+        };
+        // Slant range would say 2.4 m in the corner; it is the depth along the axis, 2 m, that a
+        // pixel's size goes by.
         near(metres(319.5, 239.5, 0.0), [2.0, 2.0]);
         near(metres(10.0, 10.0, 0.0), [2.0, 2.0]);
         near(metres(319.5, 239.5, 30.0), [2.0, 2.0 / 30f64.to_radians().cos()]);

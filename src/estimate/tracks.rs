@@ -1,7 +1,7 @@
 //! Pairs of matched keypoints → tracks: one point of seafloor and every frame that saw it.
 //!
-//! All views must stay in: thinned at random, blue came out 19 % off. A track that meets a frame twice has
-//! swallowed a false match and is dropped.
+//! All views must stay in: thinned at random, blue came out 19 % off. A track that meets a frame
+//! twice has swallowed a false match and is dropped.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +41,10 @@ pub fn tracks(frames: &[FrameSamples], pairs: &[MatchedPair]) -> Vec<Track> {
     }
     for MatchedPair { a, b, keypoints } in pairs {
         for (i, j) in keypoints {
-            let (p, q) = (root(&mut parent, starts[*a] + *i as usize), root(&mut parent, starts[*b] + *j as usize));
+            let (p, q) = (
+                root(&mut parent, starts[*a] + *i as usize),
+                root(&mut parent, starts[*b] + *j as usize),
+            );
             // The smaller index wins, so that a track's name does not depend on the order of pairs.
             parent[p.max(q)] = p.min(q);
         }
@@ -53,7 +56,11 @@ pub fn tracks(frames: &[FrameSamples], pairs: &[MatchedPair]) -> Vec<Track> {
             members.entry(name).or_default().push((frame, keypoint));
         }
     }
-    members.into_values().filter(|m| m.len() >= 2 && m.windows(2).all(|w| w[0].0 != w[1].0)).filter_map(|m| track(frames, &m)).collect()
+    members
+        .into_values()
+        .filter(|m| m.len() >= 2 && m.windows(2).all(|w| w[0].0 != w[1].0))
+        .filter_map(|m| track(frames, &m))
+        .collect()
 }
 
 /// Brings all views to the rung that the farthest of them sets.
@@ -61,7 +68,12 @@ fn track(frames: &[FrameSamples], members: &[(usize, usize)]) -> Option<Track> {
     let rung = members.iter().map(|(f, k)| frames[*f].sights[*k].first_rung).max()?;
     let track: Track = members
         .iter()
-        .filter_map(|(f, k)| Some(Observation { frame: *f as u32, sight: frames[*f].sights[*k].on_rung(rung, frames[*f].bands)? }))
+        .filter_map(|(f, k)| {
+            Some(Observation {
+                frame: *f as u32,
+                sight: frames[*f].sights[*k].on_rung(rung, frames[*f].bands)?,
+            })
+        })
         .collect();
     (track.len() >= 2).then_some(track)
 }

@@ -1,4 +1,5 @@
-//! The way of light through one pixel: strobe → seafloor → camera (paper §II-C and §IV-A, Eq. 4, 15).
+//! The way of light through one pixel: strobe → seafloor → camera (paper §II-C and §IV-A, Eq. 4,
+//! 15).
 //!
 //! ```text
 //! ℓ_s = (d − n·c) / (n·r)         camera at c, ray r, plane n·x = d
@@ -7,8 +8,8 @@
 //! cos γ = n·(h − s) / ℓ_a         angle of incidence on the plane
 //! ```
 //!
-//! In: a plane and the mounts, in body space [m]. Out: lengths [m], angles [rad]. Assumed: the floor is
-//! the plane, or the plane and its relief. Attenuation and beam pattern do not live here.
+//! In: a plane and the mounts, in body space [m]. Out: lengths [m], angles [rad]. Assumed: the
+//! floor is the plane, or the plane and its relief. Attenuation and beam pattern do not live here.
 
 use crate::spaces::{Body, Direction, Point};
 use crate::vehicle::{Camera, Lamps, MOST_LAMPS, Rig};
@@ -24,8 +25,8 @@ pub struct StrobeAngles {
     pub phi_rad: f64,
 }
 
-/// The paper's ℓ_a, ℓ_s, (θ, φ) and cos γ. Of several lamps: those of one that would light a white floor as much, with
-/// the angles of the first; each lamp's own are its [`legs`](Self::legs).
+/// The paper's ℓ_a, ℓ_s, (θ, φ) and cos γ. Of several lamps: those of one that would light a white
+/// floor as much, with the angles of the first; each lamp's own are its [`legs`](Self::legs).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightPath {
     /// ℓ_a [m]
@@ -54,7 +55,12 @@ pub struct Leg {
 }
 
 impl Leg {
-    const NONE: Self = Self { length_m: 0.0, angles: StrobeAngles { theta_rad: 0.0, phi_rad: 0.0 }, cos_incidence: 0.0, share: 0.0 };
+    const NONE: Self = Self {
+        length_m: 0.0,
+        angles: StrobeAngles { theta_rad: 0.0, phi_rad: 0.0 },
+        cos_incidence: 0.0,
+        share: 0.0,
+    };
 }
 
 impl LightPath {
@@ -82,9 +88,15 @@ impl LightPath {
 
 /// The light path to a seafloor point that the camera sees from `seafloor_to_camera_m` away.
 ///
-/// Everything that depends on where the strobe is, and nothing else, happens in this function: the search for
-/// an unmeasured strobe moves it. `None` where the light would come from below the floor.
-pub fn light_path(hit: Point<Body>, seafloor_to_camera_m: f64, normal: Direction<Body>, lamps: Lamps) -> Option<LightPath> {
+/// Everything that depends on where the strobe is, and nothing else, happens in this function: the
+/// search for an unmeasured strobe moves it. `None` where the light would come from below the
+/// floor.
+pub fn light_path(
+    hit: Point<Body>,
+    seafloor_to_camera_m: f64,
+    normal: Direction<Body>,
+    lamps: Lamps,
+) -> Option<LightPath> {
     let mut legs = [Leg::NONE; MOST_LAMPS];
     let mut count = 0;
     for (pose, share) in lamps.poses() {
@@ -98,7 +110,8 @@ pub fn light_path(hit: Point<Body>, seafloor_to_camera_m: f64, normal: Direction
             count += 1;
         }
     }
-    // The one lamp that would send as much light to a white floor, from as far: Σ w, w = share cos γ / ℓ².
+    // The one lamp that would send as much light to a white floor, from as far: Σ w, w = share cos
+    // γ / ℓ².
     let weight = |l: &Leg| l.share * l.cos_incidence / (l.length_m * l.length_m);
     let light: f64 = legs[..count].iter().map(weight).sum();
     let far = legs[..count].iter().map(|l| weight(l) * l.length_m).sum::<f64>() / light;
@@ -161,7 +174,11 @@ impl View<'_> {
                 let (hit, seafloor_to_camera_m, normal) = relief.meet(self.plane, &camera, &ray)?;
                 Some(Sighted { hit, seafloor_to_camera_m, normal: Direction::from_vector(normal)? })
             }
-            None => Some(Sighted { hit: Point::from_vector(camera + ray * seafloor_to_camera_m), seafloor_to_camera_m, normal: self.plane.normal }),
+            None => Some(Sighted {
+                hit: Point::from_vector(camera + ray * seafloor_to_camera_m),
+                seafloor_to_camera_m,
+                normal: self.plane.normal,
+            }),
         }
     }
 
@@ -173,6 +190,7 @@ impl View<'_> {
 
     /// Height of the camera over the plane [m].
     pub fn camera_altitude_m(&self) -> f64 {
-        self.plane.distance_m - self.plane.normal.vector().dot(&self.rig.body_from_optical.origin().vector())
+        self.plane.distance_m
+            - self.plane.normal.vector().dot(&self.rig.body_from_optical.origin().vector())
     }
 }

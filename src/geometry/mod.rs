@@ -1,4 +1,5 @@
-//! DVL pings → the seafloor's plane below a frame → the way of light through each pixel (paper §IV-A, Fig. 5).
+//! DVL pings → the seafloor's plane below a frame → the way of light through each pixel (paper
+//! §IV-A, Fig. 5).
 
 mod light_path;
 mod ping_log;

@@ -1,4 +1,5 @@
-//! All pings of a log in little memory: a dive of hours has hundreds of thousands, and an instrument looks the same way every time.
+//! All pings of a log in little memory: a dive of hours has hundreds of thousands, and an
+//! instrument looks the same way every time.
 //!
 //! In: pings in any order. Out: the same pings in the order of their stamps.
 
@@ -23,7 +24,8 @@ struct Packed {
     velocity_m_per_s: Vector3<f64>,
 }
 
-/// Pings, packed: 56 bytes each and 8 for each beam, where one with four beams takes 240 and more otherwise.
+/// Pings, packed: 56 bytes each and 8 for each beam, where one with four beams takes 240 and more
+/// otherwise.
 #[derive(Clone, Debug, Default)]
 pub struct PingLog {
     pings: Vec<Packed>,
@@ -39,7 +41,10 @@ impl PingLog {
         let mut sets: Vec<(u32, u32)> = Vec::new();
         for ping in pings {
             let same = |(first, beams): &&(u32, u32)| {
-                let set = log.directions.get(*first as usize..(first + beams) as usize).unwrap_or_default();
+                let set = log
+                    .directions
+                    .get(*first as usize..(first + beams) as usize)
+                    .unwrap_or_default();
                 set.iter().eq(ping.beams.iter().map(|b| &b.direction))
             };
             let known = sets.iter().rev().take(SETS_COMPARED).find(same).copied();
@@ -82,11 +87,16 @@ impl PingLog {
     pub fn get(&self, i: usize) -> Ping {
         let p = &self.pings[i];
         let part = |first: u32| first as usize..(first + p.beams) as usize;
-        let ranges = self.ranges_m[part(p.first_range)].iter().map(|r| Some(SlantRange(*r)).filter(|r| !r.0.is_nan()));
+        let ranges = self.ranges_m[part(p.first_range)]
+            .iter()
+            .map(|r| Some(SlantRange(*r)).filter(|r| !r.0.is_nan()));
         let directions = self.directions[part(p.first_direction)].iter();
         Ping {
             stamp: p.stamp,
-            beams: directions.zip(ranges).map(|(direction, range)| Beam { direction: *direction, range }).collect(),
+            beams: directions
+                .zip(ranges)
+                .map(|(direction, range)| Beam { direction: *direction, range })
+                .collect(),
             altitude: Some(Altitude(p.altitude_m)).filter(|a| !a.0.is_nan()),
             velocity_m_per_s: Some(p.velocity_m_per_s).filter(|v| !v.x.is_nan()),
         }
@@ -95,7 +105,10 @@ impl PingLog {
     /// How many of its beams came back.
     pub fn returns(&self, i: usize) -> usize {
         let p = &self.pings[i];
-        self.ranges_m[p.first_range as usize..(p.first_range + p.beams) as usize].iter().filter(|r| !r.is_nan()).count()
+        self.ranges_m[p.first_range as usize..(p.first_range + p.beams) as usize]
+            .iter()
+            .filter(|r| !r.is_nan())
+            .count()
     }
 
     /// All of them.
@@ -110,17 +123,39 @@ mod tests {
 
     #[test]
     fn pings_come_back_as_they_were_and_directions_are_kept_once() {
-        let direction = |x: f64| Direction::from_vector(Vector3::new(x, 0.1, 1.0)).expect("a direction");
-        let beam = |x: f64, range: Option<f64>| Beam { direction: direction(x), range: range.map(SlantRange) };
+        let direction =
+            |x: f64| Direction::from_vector(Vector3::new(x, 0.1, 1.0)).expect("a direction");
+        let beam = |x: f64, range: Option<f64>| Beam {
+            direction: direction(x),
+            range: range.map(SlantRange),
+        };
         let ping = |t: i64, beams: Vec<Beam>, altitude: Option<f64>, v: Option<f64>| Ping {
             stamp: Stamp(t),
             beams,
             altitude: altitude.map(Altitude),
             velocity_m_per_s: v.map(|x| Vector3::new(x, 0.0, -x)),
         };
-        let four =
-            |t: i64| ping(t, vec![beam(0.4, Some(t as f64 + 0.1)), beam(-0.4, None), beam(0.2, Some(2.0)), beam(0.0, Some(3.0))], None, Some(0.5));
-        let mut all = vec![four(5), ping(3, vec![], Some(1.5), None), four(1), ping(4, vec![beam(0.4, Some(2.5))], None, None), four(2), four(9)];
+        let four = |t: i64| {
+            ping(
+                t,
+                vec![
+                    beam(0.4, Some(t as f64 + 0.1)),
+                    beam(-0.4, None),
+                    beam(0.2, Some(2.0)),
+                    beam(0.0, Some(3.0)),
+                ],
+                None,
+                Some(0.5),
+            )
+        };
+        let mut all = vec![
+            four(5),
+            ping(3, vec![], Some(1.5), None),
+            four(1),
+            ping(4, vec![beam(0.4, Some(2.5))], None, None),
+            four(2),
+            four(9),
+        ];
         let log = PingLog::new(all.clone());
         all.sort_by_key(|p| p.stamp);
         assert_eq!(log.iter().collect::<Vec<_>>(), all);

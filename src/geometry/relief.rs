@@ -1,4 +1,5 @@
-//! Ground that is not flat: heights over a frame's plane, from all hits that the beams have swept up along the track.
+//! Ground that is not flat: heights over a frame's plane, from all hits that the beams have swept
+//! up along the track.
 //!
 //! ```text
 //! p(t) = ∫ q · v dt                       the instrument's way: its velocity over the ground v, turned by the attitude q
@@ -6,10 +7,11 @@
 //! h(x) = Σ_i a_i k(|x − x_i|),  (K + σ²) a = h      Gaussian process, zero mean: the plane, wherever no hit is near
 //! ```
 //!
-//! Hits of seconds before and after fall into place around a frame, so ridges along the way are seen before they are
-//! passed. An instrument with many beams (a depth picture, a cloud) needs no way: one ping is a surface. Whether heights
-//! are used at all is decided once for a log: by how well they foretell hits that were left out.
-//! In: pings with velocities, attitude, a plane. Out: heights [m] on a grid in the plane.
+//! Hits of seconds before and after fall into place around a frame, so ridges along the way are
+//! seen before they are passed. An instrument with many beams (a depth picture, a cloud) needs no
+//! way: one ping is a surface. Whether heights are used at all is decided once for a log: by how
+//! well they foretell hits that were left out. In: pings with velocities, attitude, a plane. Out:
+//! heights [m] on a grid in the plane.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -25,7 +27,8 @@ const WINDOW_S: f64 = 12.0;
 const REACH: f64 = 2.0;
 /// How far a hit speaks for the ground around it, in altitudes.
 const LENGTH: f64 = 0.3;
-/// A range's noise as a share of the altitude, what it is at least [m], and what a height loses per second of way [m/s].
+/// A range's noise as a share of the altitude, what it is at least [m], and what a height loses per
+/// second of way [m/s].
 const NOISE_SHARE: f64 = 0.006;
 const LEAST_NOISE_M: f64 = 0.005;
 const DRIFT_M_PER_S: f64 = 0.003;
@@ -39,26 +42,35 @@ const NODES: usize = 33;
 const LONGEST_GAP_S: f64 = 1.0;
 /// Hits are foretold from those that many seconds away or more.
 const APART_S: f64 = 0.6;
-/// Heights are used where they foretell left-out hits with this share of the plane's misfit at most.
+/// Heights are used where they foretell left-out hits with this share of the plane's misfit at
+/// most.
 const LEAST_BETTER: f64 = 0.75;
 /// Rays are followed to the surface in so many steps; slopes are gentle.
 const STEPS: usize = 4;
 
-/// The instrument's way over the ground: per ping the stretch it belongs to and its place in the world [m].
+/// The instrument's way over the ground: per ping the stretch it belongs to and its place in the
+/// world [m].
 #[derive(Clone, Debug, Default)]
 pub struct Way(Vec<(u32, Vector3<f64>)>);
 
 impl Way {
     /// Adds up the pings' velocities; a new stretch begins wherever one is missing.
     pub fn of(pings: &PingLog, attitude: &AttitudeTrack, rig: &Rig) -> Self {
-        let velocity = |p: &Ping| Some(attitude.world_from_body(p.stamp)? * (rig.body_from_dvl.isometry().rotation * p.velocity_m_per_s?));
+        let velocity = |p: &Ping| {
+            Some(
+                attitude.world_from_body(p.stamp)?
+                    * (rig.body_from_dvl.isometry().rotation * p.velocity_m_per_s?),
+            )
+        };
         let (mut stretch, mut place) = (0, Vector3::zeros());
         let mut before: Option<(Stamp, Vector3<f64>)> = None;
         let mut way = Vec::with_capacity(pings.len());
         for ping in pings.iter() {
             let now = velocity(&ping);
             match (before, now) {
-                (Some((stamp, v)), Some(now)) if ping.stamp.seconds_since(stamp) <= LONGEST_GAP_S => {
+                (Some((stamp, v)), Some(now))
+                    if ping.stamp.seconds_since(stamp) <= LONGEST_GAP_S =>
+                {
                     place += (v + now) / 2.0 * ping.stamp.seconds_since(stamp);
                 }
                 _ => stretch += 1,
@@ -83,7 +95,8 @@ impl Way {
     }
 }
 
-/// A hit over the plane: u, v, height [m], seconds from the frame, and which ping's which beam it was.
+/// A hit over the plane: u, v, height [m], seconds from the frame, and which ping's which beam it
+/// was.
 #[derive(Clone, Copy, Debug)]
 pub struct Height {
     ping: usize,
@@ -107,7 +120,9 @@ impl Axes {
     fn of(plane: &SeafloorPlane, rig: &Rig) -> Self {
         let (normal, camera) = (plane.normal.vector(), rig.body_from_optical.origin().vector());
         let altitude_m = plane.distance_m - normal.dot(&camera);
-        let u = normal.cross(&if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() }).normalize();
+        let u = normal
+            .cross(&if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() })
+            .normalize();
         Self { origin: camera + normal * altitude_m, u, v: normal.cross(&u), altitude_m }
     }
 
@@ -127,7 +142,14 @@ pub struct Relief {
 }
 
 /// All hits around a moment, as heights over its plane.
-pub fn heights(pings: &PingLog, way: &Way, attitude: &AttitudeTrack, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Vec<Height> {
+pub fn heights(
+    pings: &PingLog,
+    way: &Way,
+    attitude: &AttitudeTrack,
+    stamp: Stamp,
+    plane: &SeafloorPlane,
+    rig: &Rig,
+) -> Vec<Height> {
     let axes = Axes::of(plane, rig);
     let instrument = rig.body_from_dvl.origin().vector();
     let (first, last) = (pings.before(stamp.later(-WINDOW_S)), pings.before(stamp.later(WINDOW_S)));
@@ -140,18 +162,32 @@ pub fn heights(pings: &PingLog, way: &Way, attitude: &AttitudeTrack, stamp: Stam
     for i in first..last {
         let ping = pings.get(i);
         let moved = match (here, way.0.get(i)) {
-            (Some((stretch, place)), Some((s, p))) if *s == stretch => attitude.world_from_body(stamp).map(|q| q.inverse() * (p - place)),
+            (Some((stretch, place)), Some((s, p))) if *s == stretch => {
+                attitude.world_from_body(stamp).map(|q| q.inverse() * (p - place))
+            }
             _ if Some(i) == nearest => Some(Vector3::zeros()),
             _ => None,
         };
-        let turn = attitude.turn(stamp, ping.stamp).or_else(|| (Some(i) == nearest).then(Default::default));
+        let turn = attitude
+            .turn(stamp, ping.stamp)
+            .or_else(|| (Some(i) == nearest).then(Default::default));
         let (Some(moved), Some(turn)) = (moved, turn) else { continue };
         for (b, beam) in ping.beams.iter().enumerate() {
             let Some(range) = beam.range else { continue };
-            let at = instrument + moved + turn * ((rig.body_from_dvl * beam.direction).vector() * range.0);
-            let ((u, v), height_m) = (axes.of_point(&at), plane.distance_m - plane.normal.vector().dot(&at));
+            let at = instrument
+                + moved
+                + turn * ((rig.body_from_dvl * beam.direction).vector() * range.0);
+            let ((u, v), height_m) =
+                (axes.of_point(&at), plane.distance_m - plane.normal.vector().dot(&at));
             if u.hypot(v) < REACH * axes.altitude_m && height_m.abs() < axes.altitude_m / 2.0 {
-                found.push(Height { ping: i, beam: b, u, v, height_m, offset_s: ping.stamp.seconds_since(stamp) });
+                found.push(Height {
+                    ping: i,
+                    beam: b,
+                    u,
+                    v,
+                    height_m,
+                    offset_s: ping.stamp.seconds_since(stamp),
+                });
             }
         }
     }
@@ -175,11 +211,21 @@ impl Process {
     fn new(hits: Vec<Height>, altitude_m: f64) -> Option<Self> {
         let n = hits.len();
         let spread = hits.iter().map(|h| h.height_m * h.height_m).sum::<f64>() / n.max(1) as f64;
-        let noise = |h: &Height| (NOISE_SHARE * altitude_m + LEAST_NOISE_M).powi(2) + (DRIFT_M_PER_S * h.offset_s).powi(2);
+        let noise = |h: &Height| {
+            (NOISE_SHARE * altitude_m + LEAST_NOISE_M).powi(2)
+                + (DRIFT_M_PER_S * h.offset_s).powi(2)
+        };
         let length_m = LENGTH * altitude_m;
-        let kernel = |a: &Height, b: &Height| spread * (-((a.u - b.u).powi(2) + (a.v - b.v).powi(2)) / (2.0 * length_m * length_m)).exp();
-        let matrix = DMatrix::from_fn(n, n, |i, j| kernel(&hits[i], &hits[j]) + if i == j { noise(&hits[i]) } else { 0.0 });
-        let weights = matrix.cholesky()?.solve(&DVector::from_iterator(n, hits.iter().map(|h| h.height_m))) * spread;
+        let kernel = |a: &Height, b: &Height| {
+            spread
+                * (-((a.u - b.u).powi(2) + (a.v - b.v).powi(2)) / (2.0 * length_m * length_m)).exp()
+        };
+        let matrix = DMatrix::from_fn(n, n, |i, j| {
+            kernel(&hits[i], &hits[j]) + if i == j { noise(&hits[i]) } else { 0.0 }
+        });
+        let weights =
+            matrix.cholesky()?.solve(&DVector::from_iterator(n, hits.iter().map(|h| h.height_m)))
+                * spread;
         Some(Self { hits, weights, length_m })
     }
 
@@ -204,7 +250,8 @@ impl Relief {
         let process = Process::new(thinned(hits), axes.altitude_m)?;
         let half_side_m = REACH * axes.altitude_m;
         let place = |i: usize| (2.0 * i as f64 / (NODES - 1) as f64 - 1.0) * half_side_m;
-        let nodes = (0..NODES * NODES).map(|i| process.at(place(i % NODES), place(i / NODES))).collect();
+        let nodes =
+            (0..NODES * NODES).map(|i| process.at(place(i % NODES), place(i / NODES))).collect();
         Some(Self { axes, nodes, half_side_m })
     }
 
@@ -220,12 +267,19 @@ impl Relief {
         let (a, b) = (x - i as f64, y - j as f64);
         let node = |i: usize, j: usize| &self.nodes[j * NODES + i];
         std::array::from_fn(|k| {
-            (1.0 - b) * ((1.0 - a) * node(i, j)[k] + a * node(i + 1, j)[k]) + b * ((1.0 - a) * node(i, j + 1)[k] + a * node(i + 1, j + 1)[k])
+            (1.0 - b) * ((1.0 - a) * node(i, j)[k] + a * node(i + 1, j)[k])
+                + b * ((1.0 - a) * node(i, j + 1)[k] + a * node(i + 1, j + 1)[k])
         })
     }
 
-    /// Where a ray from `camera` meets the surface: the place, its distance, and the surface's normal (not of unit length).
-    pub fn meet(&self, plane: &SeafloorPlane, camera: &Vector3<f64>, ray: &Vector3<f64>) -> Option<(Point<Body>, f64, Vector3<f64>)> {
+    /// Where a ray from `camera` meets the surface: the place, its distance, and the surface's
+    /// normal (not of unit length).
+    pub fn meet(
+        &self,
+        plane: &SeafloorPlane,
+        camera: &Vector3<f64>,
+        ray: &Vector3<f64>,
+    ) -> Option<(Point<Body>, f64, Vector3<f64>)> {
         let normal = plane.normal.vector();
         let (towards, depth) = (normal.dot(ray), plane.distance_m - normal.dot(camera));
         let mut distance = depth / towards;
@@ -235,29 +289,41 @@ impl Relief {
             distance = (depth - here[0]) / towards;
         }
         let surface = normal + self.axes.u * here[1] + self.axes.v * here[2];
-        (distance > 0.0 && surface.dot(ray) > 0.0).then(|| (Point::from_vector(camera + ray * distance), distance, surface))
+        (distance > 0.0 && surface.dot(ray) > 0.0)
+            .then(|| (Point::from_vector(camera + ray * distance), distance, surface))
     }
 }
 
-/// How well hits are foretold by the others, over the plane's own misfit, over some frames: 1 says that heights tell nothing.
-/// `None` where there are too few.
+/// How well hits are foretold by the others, over the plane's own misfit, over some frames: 1 says
+/// that heights tell nothing. `None` where there are too few.
 pub fn foretold(frames: impl Iterator<Item = (Vec<Height>, f64)>) -> Option<f64> {
     let (mut by_plane, mut by_relief) = (Vec::new(), Vec::new());
     for (hits, altitude_m) in frames {
         // Nearby in time is nearby in place: hits are left out by the second, with a margin.
         for second in [-4.0, -2.0, 0.0, 2.0, 4.0] {
-            let others: Vec<Height> = hits.iter().filter(|h| (h.offset_s - second).abs() > 0.5 + APART_S).copied().collect();
+            let others: Vec<Height> = hits
+                .iter()
+                .filter(|h| (h.offset_s - second).abs() > 0.5 + APART_S)
+                .copied()
+                .collect();
             if others.len() < MANY_RETURNS {
                 continue;
             }
             let Some(process) = Process::new(thinned(others), altitude_m) else { continue };
-            let left_out: Vec<Height> = hits.iter().filter(|h| (h.offset_s - second).abs() <= 0.5).copied().collect();
-            // Beams of one ping against each other: what the way has wrong (a climb not told in full) lifts them all alike
-            // and is no relief.
+            let left_out: Vec<Height> =
+                hits.iter().filter(|h| (h.offset_s - second).abs() <= 0.5).copied().collect();
+            // Beams of one ping against each other: what the way has wrong (a climb not told in
+            // full) lifts them all alike and is no relief.
             for of_ping in left_out.chunk_by(|a, b| a.ping == b.ping).filter(|p| p.len() >= 2) {
-                let foretold: Vec<f64> = of_ping.iter().map(|h| h.height_m - process.at(h.u, h.v)[0]).collect();
-                let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / of_ping.len() as f64;
-                let (plane, relief) = (mean(&mut of_ping.iter().map(|h| h.height_m)), mean(&mut foretold.iter().copied()));
+                let foretold: Vec<f64> =
+                    of_ping.iter().map(|h| h.height_m - process.at(h.u, h.v)[0]).collect();
+                let mean = |values: &mut dyn Iterator<Item = f64>| {
+                    values.sum::<f64>() / of_ping.len() as f64
+                };
+                let (plane, relief) = (
+                    mean(&mut of_ping.iter().map(|h| h.height_m)),
+                    mean(&mut foretold.iter().copied()),
+                );
                 by_plane.extend(of_ping.iter().map(|h| (h.height_m - plane).abs()));
                 by_relief.extend(foretold.iter().map(|e| (e - relief).abs()));
             }

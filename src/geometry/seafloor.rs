@@ -6,12 +6,13 @@
 //! four returns or more: least squares; three: exact; one or two: level; none: no plane
 //! ```
 //!
-//! Pings and frames are not simultaneous: a robot that pitches 2°/s between them has a tilted plane, so
-//! hits are turned by the attitude where there is one, and the plane's height may change and curve in time
-//! (without the curve, α is off by +0.002 per metre where a robot swings up and down in 24 s).
-//! Where there is no attitude the slopes may, too. Normal equations in centred coordinates: as good as SVD on
-//! the symmetric four-beam layout, and steadier. A return that the others contradict grossly (an echo that came twice,
-//! a fish) is left out. In: pings, attitude, mounts. Out: n·x = d in body space [m].
+//! Pings and frames are not simultaneous: a robot that pitches 2°/s between them has a tilted
+//! plane, so hits are turned by the attitude where there is one, and the plane's height may change
+//! and curve in time (without the curve, α is off by +0.002 per metre where a robot swings up and
+//! down in 24 s). Where there is no attitude the slopes may, too. Normal equations in centred
+//! coordinates: as good as SVD on the symmetric four-beam layout, and steadier. A return that the
+//! others contradict grossly (an echo that came twice, a fish) is left out. In: pings, attitude,
+//! mounts. Out: n·x = d in body space [m].
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Vector3};
 
@@ -123,9 +124,14 @@ impl Pings {
         self.pings.len()
     }
 
-    /// Finds the instrument's way, and decides whether the ground's relief is used: how well it foretells hits at some of
-    /// `stamps`, over the plane.
-    pub fn find_way(&mut self, stamps: &[Stamp], rig: &Rig, config: &SeafloorConfig) -> Option<f64> {
+    /// Finds the instrument's way, and decides whether the ground's relief is used: how well it
+    /// foretells hits at some of `stamps`, over the plane.
+    pub fn find_way(
+        &mut self,
+        stamps: &[Stamp],
+        rig: &Rig,
+        config: &SeafloorConfig,
+    ) -> Option<f64> {
         self.way = Way::of(&self.pings, &self.attitude, rig);
         if config.relief == Switch::Off {
             return None;
@@ -133,16 +139,22 @@ impl Pings {
         let some = stamps.iter().step_by(stamps.len().div_ceil(RELIEF_FRAMES).max(1));
         let foretold = foretold(some.filter_map(|stamp| {
             let plane = self.seafloor(*stamp, rig, config).ok()?;
-            let altitude_m = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+            let altitude_m = plane.distance_m
+                - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
             Some((heights(&self.pings, &self.way, &self.attitude, *stamp, &plane, rig), altitude_m))
         }));
         self.uses_relief = config.relief == Switch::On || foretold.is_some_and(is_worth_it);
         foretold.filter(|_| self.uses_relief)
     }
 
-    /// A point of the body at a moment, in a world that is one for a stretch of pings without a gap: which stretch, and
-    /// where [m]. Good to about a hundredth of the way between two moments.
-    pub fn in_world(&self, stamp: Stamp, at: Point<Body>, rig: &Rig) -> Option<(u32, Vector3<f64>)> {
+    /// A point of the body at a moment, in a world that is one for a stretch of pings without a
+    /// gap: which stretch, and where [m]. Good to about a hundredth of the way between two moments.
+    pub fn in_world(
+        &self,
+        stamp: Stamp,
+        at: Point<Body>,
+        rig: &Rig,
+    ) -> Option<(u32, Vector3<f64>)> {
         let (stretch, instrument) = self.way.at(&self.pings, stamp)?;
         let from_instrument = at.vector() - rig.body_from_dvl.origin().vector();
         Some((stretch, instrument + self.attitude.world_from_body(stamp)? * from_instrument))
@@ -160,11 +172,20 @@ impl Pings {
     ///
     /// # Errors
     /// Why there is none.
-    pub fn seafloor(&self, stamp: Stamp, rig: &Rig, config: &SeafloorConfig) -> Result<SeafloorPlane, NoSeafloor> {
+    pub fn seafloor(
+        &self,
+        stamp: Stamp,
+        rig: &Rig,
+        config: &SeafloorConfig,
+    ) -> Result<SeafloorPlane, NoSeafloor> {
         let after = self.pings.before(stamp);
-        let around = after.saturating_sub(config.pings_each_side)..(after + config.pings_each_side).min(self.pings.len());
+        let around = after.saturating_sub(config.pings_each_side)
+            ..(after + config.pings_each_side).min(self.pings.len());
         let around: Vec<Ping> = around.map(|i| self.pings.get(i)).collect();
-        let near: Vec<&Ping> = around.iter().filter(|p| p.stamp.seconds_since(stamp).abs() <= config.ping_window_s).collect();
+        let near: Vec<&Ping> = around
+            .iter()
+            .filter(|p| p.stamp.seconds_since(stamp).abs() <= config.ping_window_s)
+            .collect();
         let gap = |p: &&Ping| p.stamp.seconds_since(stamp).abs();
         let answered = |p: &&&Ping| p.returns() > 0 || p.altitude.is_some();
         let nearest_s = near.iter().map(gap).fold(f64::INFINITY, f64::min);
@@ -184,9 +205,15 @@ impl Pings {
             None => self.level(&near, &hits, stamp, rig, axis),
         };
         let plane = plane.ok_or(NoSeafloor::NoReturn)?;
-        let camera_altitude = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
-        let possible = camera_altitude > config.least_altitude_m && axis.is_none_or(|a| a.dot(&plane.normal.vector()) > 0.3);
-        if possible { Ok(SeafloorPlane { nearest_ping_s: nearest_answer_s, ..plane }) } else { Err(NoSeafloor::Impossible) }
+        let camera_altitude =
+            plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+        let possible = camera_altitude > config.least_altitude_m
+            && axis.is_none_or(|a| a.dot(&plane.normal.vector()) > 0.3);
+        if possible {
+            Ok(SeafloorPlane { nearest_ping_s: nearest_answer_s, ..plane })
+        } else {
+            Err(NoSeafloor::Impossible)
+        }
     }
 
     /// Hits of the pings in body space at `stamp`; whether all could be turned by the attitude.
@@ -197,7 +224,8 @@ impl Pings {
         for (ping, turn) in near.iter().zip(turns) {
             for beam in &ping.beams {
                 if let Some(range) = beam.range {
-                    let hit = rig.body_from_dvl.origin().vector() + (rig.body_from_dvl * beam.direction).vector() * range.0;
+                    let hit = rig.body_from_dvl.origin().vector()
+                        + (rig.body_from_dvl * beam.direction).vector() * range.0;
                     let at = turn.filter(|_| turned).map_or(hit, |q| q * hit);
                     hits.push(Hit { at, offset_s: ping.stamp.seconds_since(stamp) });
                 }
@@ -206,19 +234,32 @@ impl Pings {
         (hits, turned)
     }
 
-    /// One or two returns, or an altitude: a floor level by the attitude, else square to the instrument's axis.
-    fn level(&self, near: &[&Ping], hits: &[Hit], stamp: Stamp, rig: &Rig, axis: Option<Vector3<f64>>) -> Option<SeafloorPlane> {
-        let outward = axis.unwrap_or_else(|| (rig.body_from_optical * Direction::boresight()).vector());
+    /// One or two returns, or an altitude: a floor level by the attitude, else square to the
+    /// instrument's axis.
+    fn level(
+        &self,
+        near: &[&Ping],
+        hits: &[Hit],
+        stamp: Stamp,
+        rig: &Rig,
+        axis: Option<Vector3<f64>>,
+    ) -> Option<SeafloorPlane> {
+        let outward =
+            axis.unwrap_or_else(|| (rig.body_from_optical * Direction::boresight()).vector());
         let normal = match self.attitude.vertical_in_body(stamp) {
             Some(vertical) if vertical.dot(&outward) < 0.0 => -vertical,
             Some(vertical) => vertical,
             None => outward,
         };
         // (distance along the normal, seconds from the frame)
-        let mut distances: Vec<(f64, f64)> = hits.iter().map(|h| (normal.dot(&h.at), h.offset_s)).collect();
+        let mut distances: Vec<(f64, f64)> =
+            hits.iter().map(|h| (normal.dot(&h.at), h.offset_s)).collect();
         if distances.is_empty() {
             let sensor = normal.dot(&rig.body_from_dvl.origin().vector());
-            distances = near.iter().filter_map(|p| Some((sensor + p.altitude?.0, p.stamp.seconds_since(stamp)))).collect();
+            distances = near
+                .iter()
+                .filter_map(|p| Some((sensor + p.altitude?.0, p.stamp.seconds_since(stamp))))
+                .collect();
         }
         let nearest = distances.iter().min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?.0;
         let (distance_m, residual_m) = in_time(&distances).unwrap_or((nearest, f64::NAN));
@@ -233,9 +274,10 @@ impl Pings {
     }
 }
 
-/// A height at the frame's time from (height, seconds from the frame), and the root mean square of what is left over;
-/// `None` where pings do not lie on both sides: a drift is never carried past them. Two pings or more follow its slope,
-/// five or more its curvature as well: over the window a swell would else be flattened by centimetres.
+/// A height at the frame's time from (height, seconds from the frame), and the root mean square of
+/// what is left over; `None` where pings do not lie on both sides: a drift is never carried past
+/// them. Two pings or more follow its slope, five or more its curvature as well: over the window a
+/// swell would else be flattened by centimetres.
 fn in_time(heights: &[(f64, f64)]) -> Option<(f64, f64)> {
     let straddled = heights.iter().any(|h| h.1 <= 0.0) && heights.iter().any(|h| h.1 >= 0.0);
     let mut times: Vec<f64> = heights.iter().map(|h| h.1).collect();
@@ -246,7 +288,11 @@ fn in_time(heights: &[(f64, f64)]) -> Option<(f64, f64)> {
     }
     let design = DMatrix::from_fn(heights.len(), powers, |i, j| heights[i].1.powi(j as i32));
     let observed = DVector::from_iterator(heights.len(), heights.iter().map(|h| h.0));
-    let fitted = Fitted::without_gross(&design, &observed, median(&heights.iter().map(|h| h.0.abs()).collect::<Vec<_>>()))?;
+    let fitted = Fitted::without_gross(
+        &design,
+        &observed,
+        median(&heights.iter().map(|h| h.0.abs()).collect::<Vec<_>>()),
+    )?;
     Some((fitted.solution[0], fitted.residual_m))
 }
 
@@ -269,7 +315,11 @@ struct Fitted {
 
 impl Fitted {
     /// Least squares over all rows but `left_out`.
-    fn new(design: &DMatrix<f64>, heights: &DVector<f64>, left_out: &[usize]) -> Option<(Self, Cholesky<f64, Dyn>)> {
+    fn new(
+        design: &DMatrix<f64>,
+        heights: &DVector<f64>,
+        left_out: &[usize],
+    ) -> Option<(Self, Cholesky<f64, Dyn>)> {
         let (mut normal, mut right) = (design.transpose() * design, design.transpose() * heights);
         for i in left_out {
             let row = design.row(*i).transpose();
@@ -280,13 +330,16 @@ impl Fitted {
         let solution = normal.solve(&right);
         let residuals = heights - design * &solution;
         let used = heights.len() - left_out.len();
-        let squares: f64 = residuals.norm_squared() - left_out.iter().map(|i| residuals[*i].powi(2)).sum::<f64>();
+        let squares: f64 =
+            residuals.norm_squared() - left_out.iter().map(|i| residuals[*i].powi(2)).sum::<f64>();
         let spare = used.saturating_sub(design.ncols());
-        let residual_m = if spare > 0 { (squares.max(0.0) / spare as f64).sqrt() } else { f64::NAN };
+        let residual_m =
+            if spare > 0 { (squares.max(0.0) / spare as f64).sqrt() } else { f64::NAN };
         Some((Self { solution, residuals, residual_m, used }, normal))
     }
 
-    /// The same without the returns that the others contradict, the worst first; `height_m` is what gross is measured by.
+    /// The same without the returns that the others contradict, the worst first; `height_m` is what
+    /// gross is measured by.
     fn without_gross(design: &DMatrix<f64>, heights: &DVector<f64>, height_m: f64) -> Option<Self> {
         let mut left_out: Vec<usize> = Vec::new();
         let mut now = Self::new(design, heights, &[])?;
@@ -299,7 +352,10 @@ impl Fitted {
         let most = MOST_GROSS.1.min((heights.len() as f64 * MOST_GROSS.0) as usize);
         // With fewer than two to spare the others say nothing of the worst.
         while left_out.len() < most && now.0.used >= design.ncols() + 2 {
-            let mut kept: Vec<(f64, usize)> = (0..heights.len()).filter(|i| !left_out.contains(i)).map(|i| (apart(&now, i), i)).collect();
+            let mut kept: Vec<(f64, usize)> = (0..heights.len())
+                .filter(|i| !left_out.contains(i))
+                .map(|i| (apart(&now, i), i))
+                .collect();
             kept.sort_by(|a, b| b.0.total_cmp(&a.0));
             let (worst_m, worst) = kept[0];
             if worst_m < GROSS_SHARE * height_m {
@@ -308,15 +364,21 @@ impl Fitted {
             left_out.push(worst);
             let Some(without) = Self::new(design, heights, &left_out) else { break };
             // One may hide behind another: whether they are strays is seen when all are gone.
-            let others: Vec<f64> = kept[1..].iter().map(|(_, i)| without.0.residuals[*i].abs()).collect();
+            let others: Vec<f64> =
+                kept[1..].iter().map(|(_, i)| without.0.residuals[*i].abs()).collect();
             let stray_m = (GROSS_SHARE * height_m).max(GROSS_SCALES * 1.4826 * median(&others));
             let are_strays = left_out.iter().all(|i| without.0.residuals[*i].abs() > stray_m);
-            // Without another one the rest must not agree as well: of two that contradict each other nobody can say which is wrong.
+            // Without another one the rest must not agree as well: of two that contradict each
+            // other nobody can say which is wrong.
             let agrees = |rival: &(f64, usize)| {
-                let instead: Vec<usize> = left_out.iter().copied().filter(|i| *i != worst).chain([rival.1]).collect();
-                Self::new(design, heights, &instead).is_some_and(|(fitted, _)| fitted.residual_m < 2.0 * without.0.residual_m + 0.01 * height_m)
+                let instead: Vec<usize> =
+                    left_out.iter().copied().filter(|i| *i != worst).chain([rival.1]).collect();
+                Self::new(design, heights, &instead).is_some_and(|(fitted, _)| {
+                    fitted.residual_m < 2.0 * without.0.residual_m + 0.01 * height_m
+                })
             };
-            let is_certain = !kept[1..].iter().take_while(|rival| rival.0 > GROSS_SHARE * height_m).any(agrees);
+            let is_certain =
+                !kept[1..].iter().take_while(|rival| rival.0 > GROSS_SHARE * height_m).any(agrees);
             now = without;
             if are_strays && is_certain {
                 accepted = left_out.len();
@@ -328,7 +390,11 @@ impl Fitted {
 
 /// Mean direction of all beams, also the lost ones: the instrument's axis in body space.
 fn mean_axis(near: &[&Ping], rig: &Rig) -> Option<Vector3<f64>> {
-    let sum: Vector3<f64> = near.iter().flat_map(|p| &p.beams).map(|b| (rig.body_from_dvl * b.direction).vector()).sum();
+    let sum: Vector3<f64> = near
+        .iter()
+        .flat_map(|p| &p.beams)
+        .map(|b| (rig.body_from_dvl * b.direction).vector())
+        .sum();
     (sum.norm() > 1e-6).then(|| sum.normalize())
 }
 
@@ -342,9 +408,17 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
     let v = axis.cross(&u);
     let n = hits.len() as f64;
     let centre = hits.iter().map(|h| h.at).sum::<Vector3<f64>>() / n;
-    let local: Vec<[f64; 4]> = hits.iter().map(|h| h.at - centre).zip(hits).map(|(p, h)| [u.dot(&p), v.dot(&p), axis.dot(&p), h.offset_s]).collect();
-    // Spread of the hits over the floor: the smaller axis of their ellipse must be seen, or a slope is a guess.
-    let (uu, vv, uv) = local.iter().fold((0.0, 0.0, 0.0), |(a, b, c), p| (a + p[0] * p[0] / n, b + p[1] * p[1] / n, c + p[0] * p[1] / n));
+    let local: Vec<[f64; 4]> = hits
+        .iter()
+        .map(|h| h.at - centre)
+        .zip(hits)
+        .map(|(p, h)| [u.dot(&p), v.dot(&p), axis.dot(&p), h.offset_s])
+        .collect();
+    // Spread of the hits over the floor: the smaller axis of their ellipse must be seen, or a slope
+    // is a guess.
+    let (uu, vv, uv) = local.iter().fold((0.0, 0.0, 0.0), |(a, b, c), p| {
+        (a + p[0] * p[0] / n, b + p[1] * p[1] / n, c + p[0] * p[1] / n)
+    });
     let smaller = ((uu + vv) / 2.0 - (((uu - vv) / 2.0).powi(2) + uv * uv).sqrt()).max(0.0).sqrt();
     let larger = ((uu + vv) / 2.0 + (((uu - vv) / 2.0).powi(2) + uv * uv).sqrt()).sqrt();
     if smaller < 0.15 * larger.max(0.1) {
@@ -359,9 +433,13 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
     let columns: &[fn(&[f64; 4]) -> f64] = match (times.len(), turned) {
         (1, _) => &[|_| 1.0, |p| p[0], |p| p[1]],
         _ if !straddled => &[|_| 1.0, |p| p[0], |p| p[1]],
-        (5.., true) if hits.len() >= 12 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3], |p| p[3] * p[3]],
+        (5.., true) if hits.len() >= 12 => {
+            &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3], |p| p[3] * p[3]]
+        }
         (2.., true) if hits.len() >= 5 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3]],
-        (3.., false) if hits.len() >= 10 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3], |p| p[0] * p[3], |p| p[1] * p[3]],
+        (3.., false) if hits.len() >= 10 => {
+            &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3], |p| p[0] * p[3], |p| p[1] * p[3]]
+        }
         (2.., false) if hits.len() >= 6 => &[|_| 1.0, |p| p[0], |p| p[1], |p| p[3]],
         _ => &[|_| 1.0, |p| p[0], |p| p[1]],
     };
@@ -387,14 +465,22 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
 mod tests {
     use super::*;
 
-    /// Pings of four beams 25° off the axis, over a floor that slopes by 5° and 2 m below; one return may come twice as far.
+    /// Pings of four beams 25° off the axis, over a floor that slopes by 5° and 2 m below; one
+    /// return may come twice as far.
     fn four_beams(pings: u32, wrong: &[(u32, usize)]) -> Vec<Hit> {
         let hit = |ping: u32, beam: usize| {
             let turn = std::f64::consts::FRAC_PI_2 * beam as f64 + 0.4;
-            let direction = Vector3::new(25f64.to_radians().sin() * turn.cos(), 25f64.to_radians().sin() * turn.sin(), 25f64.to_radians().cos());
+            let direction = Vector3::new(
+                25f64.to_radians().sin() * turn.cos(),
+                25f64.to_radians().sin() * turn.sin(),
+                25f64.to_radians().cos(),
+            );
             let range_m = 2.0 / (direction.z + 5f64.to_radians().tan() * direction.x);
             let times = if wrong.contains(&(ping, beam)) { 2.0 } else { 1.0 };
-            Hit { at: direction * range_m * times, offset_s: f64::from(ping) - f64::from(pings) / 2.0 + 0.5 }
+            Hit {
+                at: direction * range_m * times,
+                offset_s: f64::from(ping) - f64::from(pings) / 2.0 + 0.5,
+            }
         };
         (0..pings).flat_map(|ping| (0..4).map(move |beam| hit(ping, beam))).collect()
     }
@@ -408,24 +494,48 @@ mod tests {
         };
         for wrong in [&[][..], &[(1, 2)], &[(0, 0)], &[(2, 1), (2, 2)], &[(1, 0), (3, 0)]] {
             let (off_deg, used) = tilt_deg(&four_beams(5, wrong));
-            assert!(off_deg < 0.01 && used == 20 - wrong.len(), "{wrong:?}: off by {off_deg}°, {used} used");
+            assert!(
+                off_deg < 0.01 && used == 20 - wrong.len(),
+                "{wrong:?}: off by {off_deg}°, {used} used"
+            );
         }
-        let three_beams: Vec<Hit> = four_beams(2, &[(1, 2)]).into_iter().enumerate().filter(|(i, _)| i % 4 != 3).map(|(_, hit)| hit).collect();
-        assert_eq!(tilt_deg(&three_beams).1, 6, "where nobody can say which is wrong, all are kept");
-        let heights: Vec<(f64, f64)> = (-4..4).map(|k| (if k == 1 { 4.0 } else { 2.0 }, f64::from(k) * 0.2 + 0.1)).collect();
+        let three_beams: Vec<Hit> = four_beams(2, &[(1, 2)])
+            .into_iter()
+            .enumerate()
+            .filter(|(i, _)| i % 4 != 3)
+            .map(|(_, hit)| hit)
+            .collect();
+        assert_eq!(
+            tilt_deg(&three_beams).1,
+            6,
+            "where nobody can say which is wrong, all are kept"
+        );
+        let heights: Vec<(f64, f64)> =
+            (-4..4).map(|k| (if k == 1 { 4.0 } else { 2.0 }, f64::from(k) * 0.2 + 0.1)).collect();
         let (height_m, _) = in_time(&heights).expect("a height");
         assert!((height_m - 2.0).abs() < 1e-9, "{height_m}");
     }
 
-    /// A vehicle that bobs by a metre in twelve seconds, seen by a bare altimeter eight times a second.
+    /// A vehicle that bobs by a metre in twelve seconds, seen by a bare altimeter eight times a
+    /// second.
     #[test]
     fn a_bobbing_height_is_followed() {
         let height = |t: f64| 2.4 - (0.52 * t).cos();
         for centre in [0.0, 1.3, 6.0] {
-            let pings: Vec<(f64, f64)> = (-8..8).map(|k| 0.06 + f64::from(k) * 0.125).map(|t| (height(centre + t), t)).collect();
+            let pings: Vec<(f64, f64)> = (-8..8)
+                .map(|k| 0.06 + f64::from(k) * 0.125)
+                .map(|t| (height(centre + t), t))
+                .collect();
             let (found, _) = in_time(&pings).expect("a height");
-            assert!((found - height(centre)).abs() < 0.002, "{found} at {centre} instead of {}", height(centre));
+            assert!(
+                (found - height(centre)).abs() < 0.002,
+                "{found} at {centre} instead of {}",
+                height(centre)
+            );
         }
-        assert!(in_time(&[(2.0, 0.1), (2.1, 0.2)]).is_none(), "a drift is not carried past the pings");
+        assert!(
+            in_time(&[(2.0, 0.1), (2.1, 0.2)]).is_none(),
+            "a drift is not carried past the pings"
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! Encoded picture → linear picture. Every trap of `sensor_msgs/image_encodings` ends here.
 //!
-//! In: bytes of a message. Out: light per band, 1 = full scale, and how the picture was coded. What the
-//! camera's lens or exposure did to the light does not live here.
+//! In: bytes of a message. Out: light per band, 1 = full scale, and how the picture was coded. What
+//! the camera's lens or exposure did to the light does not live here.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -38,8 +38,9 @@ pub struct Coding {
     pub bits_used: u16,
 }
 
-/// Full scale of 16-bit pictures whose codes, or-ed together, are `bits_used`: 10, 12 or 14 bits may lie at the top of
-/// the 16 (the lowest bits are never set) or at the bottom (the highest are never set).
+/// Full scale of 16-bit pictures whose codes, or-ed together, are `bits_used`: 10, 12 or 14 bits
+/// may lie at the top of the 16 (the lowest bits are never set) or at the bottom (the highest are
+/// never set).
 pub fn white_level(bits_used: u16) -> u16 {
     match bits_used.trailing_zeros() {
         0 | 16 => match 16 - bits_used.leading_zeros() {
@@ -77,7 +78,8 @@ struct Samples {
 fn samples(encoding: &str) -> Option<Samples> {
     let word = encoding.to_ascii_lowercase();
     let plain = |channels, bytes, swapped| Some(Samples { channels, bytes, swapped, bayer: None });
-    let bayer = |phase, bytes| Some(Samples { channels: 1, bytes, swapped: false, bayer: Some(phase) });
+    let bayer =
+        |phase, bytes| Some(Samples { channels: 1, bytes, swapped: false, bayer: Some(phase) });
     let bayer_word = word.strip_prefix("bayer").map(|w| w.trim_start_matches('_').to_string());
     if let Some(rest) = bayer_word {
         let phase = match rest.trim_end_matches(|c: char| c.is_ascii_digit() || c == 'p') {
@@ -116,7 +118,8 @@ pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, S
     decode_in(encoded, light, &mut Room::default())
 }
 
-/// The memory of a picture before, for the next one: fresh memory for every frame costs as much as a tenth of decoding.
+/// The memory of a picture before, for the next one: fresh memory for every frame costs as much as
+/// a tenth of decoding.
 #[derive(Default)]
 pub struct Room {
     codes: Vec<u8>,
@@ -134,14 +137,20 @@ impl Room {
 ///
 /// # Errors
 /// See [`codes`].
-pub fn decode_in(encoded: &EncodedImage<'_>, light: Light<'_>, room: &mut Room) -> Result<Decoded, String> {
+pub fn decode_in(
+    encoded: &EncodedImage<'_>,
+    light: Light<'_>,
+    room: &mut Room,
+) -> Result<Decoded, String> {
     let codes = codes_in(encoded, light, std::mem::take(&mut room.codes))?;
-    let decoded = Decoded { image: codes.light(std::mem::take(&mut room.light)), coding: codes.coding };
+    let decoded =
+        Decoded { image: codes.light(std::mem::take(&mut room.light)), coding: codes.coding };
     room.codes = codes.into_memory();
     Ok(decoded)
 }
 
-/// A picture out of its container, before its codes are light: rows become light one at a time, where they are used.
+/// A picture out of its container, before its codes are light: rows become light one at a time,
+/// where they are used.
 pub struct Codes<'a> {
     /// [px]
     pub width: usize,
@@ -196,7 +205,8 @@ impl Codes<'_> {
         SensorImage { light: LinearImage { width, height, bands, pixels }, mosaic: self.mosaic }
     }
 
-    /// Whether light of row `y` may reach a level. Of 8 bits the brightest code tells, many at a time.
+    /// Whether light of row `y` may reach a level. Of 8 bits the brightest code tells, many at a
+    /// time.
     pub fn may_reach(&self, y: usize, level: f32) -> bool {
         match &self.law {
             Law::Table(table) => {
@@ -218,27 +228,48 @@ impl Codes<'_> {
             Law::Table(table) if channels == bands && !swapped => {
                 let (blocks, rest) = row.as_chunks::<8>();
                 let (out, last) = out.as_chunks_mut::<8>();
-                let look_up = |out: &mut [f32], row: &[u8]| out.iter_mut().zip(row).for_each(|(v, code)| *v = table[usize::from(*code)]);
+                let look_up = |out: &mut [f32], row: &[u8]| {
+                    out.iter_mut().zip(row).for_each(|(v, code)| *v = table[usize::from(*code)])
+                };
                 out.iter_mut().zip(blocks).for_each(|(out, block)| look_up(out, block));
                 look_up(last, rest);
             }
             Law::Table(table) => {
                 for (pixel, codes) in out.chunks_exact_mut(bands).zip(row.chunks_exact(channels)) {
-                    pixel.iter_mut().enumerate().for_each(|(band, v)| *v = table[usize::from(codes[place(band)])]);
+                    pixel
+                        .iter_mut()
+                        .enumerate()
+                        .for_each(|(band, v)| *v = table[usize::from(codes[place(band)])]);
                 }
             }
             Law::Wide { big_endian, white, transfer, response } => {
-                let read = |at: &[u8]| if *big_endian { u16::from_be_bytes([at[0], at[1]]) } else { u16::from_le_bytes([at[0], at[1]]) };
+                let read = |at: &[u8]| {
+                    if *big_endian {
+                        u16::from_be_bytes([at[0], at[1]])
+                    } else {
+                        u16::from_le_bytes([at[0], at[1]])
+                    }
+                };
                 if channels == bands && !swapped {
-                    out.iter_mut().zip(row.chunks_exact(2)).for_each(|(v, code)| *v = f32::from(read(code)) / white);
+                    out.iter_mut()
+                        .zip(row.chunks_exact(2))
+                        .for_each(|(v, code)| *v = f32::from(read(code)) / white);
                 } else {
-                    for (pixel, codes) in out.chunks_exact_mut(bands).zip(row.chunks_exact(2 * channels)) {
-                        pixel.iter_mut().enumerate().for_each(|(band, v)| *v = f32::from(read(&codes[2 * place(band)..])) / white);
+                    for (pixel, codes) in
+                        out.chunks_exact_mut(bands).zip(row.chunks_exact(2 * channels))
+                    {
+                        pixel.iter_mut().enumerate().for_each(|(band, v)| {
+                            *v = f32::from(read(&codes[2 * place(band)..])) / white
+                        });
                     }
                 }
                 match response {
-                    Some(response) => out.iter_mut().for_each(|v| *v = response.to_linear(f64::from(v.min(1.0))) as f32),
-                    None if *transfer != Transfer::Linear => out.iter_mut().for_each(|v| *v = transfer.to_linear(f64::from(v.min(1.0))) as f32),
+                    Some(response) => out
+                        .iter_mut()
+                        .for_each(|v| *v = response.to_linear(f64::from(v.min(1.0))) as f32),
+                    None if *transfer != Transfer::Linear => out
+                        .iter_mut()
+                        .for_each(|v| *v = transfer.to_linear(f64::from(v.min(1.0))) as f32),
                     None => {}
                 }
             }
@@ -258,19 +289,34 @@ pub fn codes<'a>(encoded: &EncodedImage<'a>, light: Light<'a>) -> Result<Codes<'
 ///
 /// # Errors
 /// As [`codes`].
-pub fn codes_in<'a>(encoded: &EncodedImage<'a>, light: Light<'a>, memory: Vec<u8>) -> Result<Codes<'a>, String> {
+pub fn codes_in<'a>(
+    encoded: &EncodedImage<'a>,
+    light: Light<'a>,
+    memory: Vec<u8>,
+) -> Result<Codes<'a>, String> {
     match *encoded {
         EncodedImage::Raw { width, height, encoding, step, data, .. } if yuv::is_yuv(encoding) => {
             ensure_size(width, height)?;
-            let rgb = yuv::to_rgb8(encoding, (width, height), step, data).ok_or_else(|| misfit(encoded))?;
+            let rgb = yuv::to_rgb8(encoding, (width, height), step, data)
+                .ok_or_else(|| misfit(encoded))?;
             let s = Samples { channels: 3, bytes: 1, swapped: false, bayer: None };
             Ok(of_samples(rgb.into(), (width, height, 3 * width), s, false, Container::Raw, light))
         }
         EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
             ensure_size(width, height)?;
-            if let Some((packing, s)) = Packing::of(encoding).and_then(|p| samples(&p.unpacked).map(|s| (p, s))) {
-                let unpacked = packing.unpack((width, height), step, data).ok_or_else(|| misfit(encoded))?;
-                return Ok(of_samples(unpacked.into(), (width, height, 2 * width), s, false, Container::Raw, light));
+            if let Some((packing, s)) =
+                Packing::of(encoding).and_then(|p| samples(&p.unpacked).map(|s| (p, s)))
+            {
+                let unpacked =
+                    packing.unpack((width, height), step, data).ok_or_else(|| misfit(encoded))?;
+                return Ok(of_samples(
+                    unpacked.into(),
+                    (width, height, 2 * width),
+                    s,
+                    false,
+                    Container::Raw,
+                    light,
+                ));
             }
             let s = samples(encoding).ok_or_else(|| not_read(encoding))?;
             let row = width * s.channels * s.bytes;
@@ -289,7 +335,10 @@ fn not_read(encoding: &str) -> String {
     let word = encoding.to_ascii_lowercase();
     let why = match word.get(..word.len().saturating_sub(2)) {
         Some("8s" | "16s" | "32s") => ": signed numbers have no full scale that would be light",
-        Some("32f" | "64f") => ": floats have no full scale; `32FC1` is read as a depth picture on a topic of that name",
+        Some("32f" | "64f") => {
+            ": floats have no full scale; `32FC1` is read as a depth picture on a topic of that \
+             name"
+        }
         Some("8u" | "16u") => ": two channels are neither grey nor colour",
         _ => "",
     };
@@ -299,7 +348,10 @@ fn not_read(encoding: &str) -> String {
 fn misfit(encoded: &EncodedImage<'_>) -> String {
     match encoded {
         EncodedImage::Raw { width, height, encoding, step, data, .. } => {
-            format!("{width}×{height} {encoding} with step {step} does not fit its {} bytes", data.len())
+            format!(
+                "{width}×{height} {encoding} with step {step} does not fit its {} bytes",
+                data.len()
+            )
         }
         _ => "the picture does not fit its bytes".into(),
     }
@@ -329,7 +381,11 @@ pub fn size(encoded: &EncodedImage<'_>) -> Option<(usize, usize)> {
     match *encoded {
         EncodedImage::Raw { width, height, .. } => Some((width, height)),
         EncodedImage::Compressed { data, .. } => {
-            let (w, h) = image::ImageReader::new(Cursor::new(data)).with_guessed_format().ok()?.into_dimensions().ok()?;
+            let (w, h) = image::ImageReader::new(Cursor::new(data))
+                .with_guessed_format()
+                .ok()?
+                .into_dimensions()
+                .ok()?;
             Some((w as usize, h as usize))
         }
         EncodedImage::Video { .. } => None,
@@ -360,7 +416,8 @@ fn ensure_size(width: usize, height: usize) -> Result<(), String> {
     }
 }
 
-/// No coder shrinks a picture below this; a header that claims more lies about its size, and nothing is allocated for it.
+/// No coder shrinks a picture below this; a header that claims more lies about its size, and
+/// nothing is allocated for it.
 const MOST_PIXELS_PER_BYTE: usize = 4096;
 /// Small pictures are let through whatever their bytes [px].
 const FREE_PIXELS: usize = 1 << 20;
@@ -382,17 +439,37 @@ fn webp_container(data: &[u8]) -> Container {
     if lossless { Container::Png } else { Container::Jpeg { subsampled: true } }
 }
 
-fn compressed<'a>(format: &str, data: &[u8], light: Light<'a>, memory: Vec<u8>) -> Result<Codes<'a>, String> {
+fn compressed<'a>(
+    format: &str,
+    data: &[u8],
+    light: Light<'a>,
+    memory: Vec<u8>,
+) -> Result<Codes<'a>, String> {
     let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
     let (mut decoder, container): (Box<dyn ImageDecoder + '_>, _) = match data {
-        [0xff, 0xd8, ..] if !jpeg_has_end(data) => return Err("the picture cannot be decoded: a JPEG that was cut short".into()),
+        [0xff, 0xd8, ..] if !jpeg_has_end(data) => {
+            return Err("the picture cannot be decoded: a JPEG that was cut short".into());
+        }
         [0xff, 0xd8, ..] => {
             let subsampled = jpeg_is_subsampled(data);
-            (Box::new(image::codecs::jpeg::JpegDecoder::new(Cursor::new(data)).map_err(bad)?), Container::Jpeg { subsampled })
+            (
+                Box::new(image::codecs::jpeg::JpegDecoder::new(Cursor::new(data)).map_err(bad)?),
+                Container::Jpeg { subsampled },
+            )
         }
-        [0x89, b'P', b'N', b'G', ..] => (Box::new(image::codecs::png::PngDecoder::new(Cursor::new(data)).map_err(bad)?), Container::Png),
-        data if is_webp(data) => (Box::new(image::codecs::webp::WebPDecoder::new(Cursor::new(data)).map_err(bad)?), webp_container(data)),
-        _ => return Err(format!("a compressed picture that is neither JPEG, PNG nor WebP (format {format:?})")),
+        [0x89, b'P', b'N', b'G', ..] => (
+            Box::new(image::codecs::png::PngDecoder::new(Cursor::new(data)).map_err(bad)?),
+            Container::Png,
+        ),
+        data if is_webp(data) => (
+            Box::new(image::codecs::webp::WebPDecoder::new(Cursor::new(data)).map_err(bad)?),
+            webp_container(data),
+        ),
+        _ => {
+            return Err(format!(
+                "a compressed picture that is neither JPEG, PNG nor WebP (format {format:?})"
+            ));
+        }
     };
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(4 << 30);
@@ -413,18 +490,31 @@ fn compressed<'a>(format: &str, data: &[u8], light: Light<'a>, memory: Vec<u8>) 
         C::Rgba16 => (4, 2),
         other => return Err(format!("pictures of {other:?} are not read")),
     };
-    // Empty before it is used: where a damaged file leaves pixels out, those of another picture must not stand.
+    // Empty before it is used: where a damaged file leaves pixels out, those of another picture
+    // must not stand.
     let mut pixels = memory;
     pixels.clear();
     pixels.resize(width * height * channels * bytes, 0);
     decoder.read_image(&mut pixels).map_err(bad)?;
-    // A grey file whose original was a mosaic, with nothing said of debayering: the mosaic itself was compressed.
+    // A grey file whose original was a mosaic, with nothing said of debayering: the mosaic itself
+    // was compressed.
     let (original, tail) = format.split_once(';').unwrap_or((format, "x"));
     let was_debayered = tail.trim_end().ends_with('8') || tail.trim_end().ends_with('6');
-    let bayer = if channels == 1 && !was_debayered { samples(original.trim()).and_then(|s| s.bayer) } else { None };
+    let bayer = if channels == 1 && !was_debayered {
+        samples(original.trim()).and_then(|s| s.bayer)
+    } else {
+        None
+    };
     let s = Samples { channels, bytes, swapped: false, bayer };
     let stride = width * channels * bytes;
-    Ok(of_samples(pixels.into(), (width, height, stride), s, cfg!(target_endian = "big"), container, light))
+    Ok(of_samples(
+        pixels.into(),
+        (width, height, stride),
+        s,
+        cfg!(target_endian = "big"),
+        container,
+        light,
+    ))
 }
 
 fn of_samples<'a>(
@@ -442,16 +532,25 @@ fn of_samples<'a>(
     };
     let (law, bits_used) = if samples.bytes == 1 {
         let table = match light.response {
-            Some(response) => std::array::from_fn(|code| response.to_linear(code as f64 / 255.0) as f32),
+            Some(response) => {
+                std::array::from_fn(|code| response.to_linear(code as f64 / 255.0) as f32)
+            }
             None => transfer.table8(),
         };
         (Law::Table(Box::new(table)), 0xff)
     } else {
         let row = width * samples.channels * 2;
-        let of_row = |y: usize| data[y * step..][..row].chunks_exact(2).fold(0, |bits, code| bits | u16::from_le_bytes([code[0], code[1]]));
+        let of_row = |y: usize| {
+            data[y * step..][..row]
+                .chunks_exact(2)
+                .fold(0, |bits, code| bits | u16::from_le_bytes([code[0], code[1]]))
+        };
         let bits = (0..height).fold(0, |bits, y| bits | of_row(y));
         let white = f32::from(light.white_level.unwrap_or(u16::MAX));
-        (Law::Wide { big_endian, white, transfer, response: light.response }, if big_endian { bits.swap_bytes() } else { bits })
+        (
+            Law::Wide { big_endian, white, transfer, response: light.response },
+            if big_endian { bits.swap_bytes() } else { bits },
+        )
     };
     let coding = Coding { bits: 8 * samples.bytes as u8, container, transfer, bits_used };
     Codes { width, height, mosaic: samples.bayer, coding, samples, data, step, law }
@@ -475,8 +574,8 @@ fn jpeg_segments(data: &[u8], mut see: impl FnMut(u8, &[u8])) -> Option<usize> {
     }
 }
 
-/// Whether a JPEG's scan comes to an end. The decoder shows grey where it does not, and nobody would know. A
-/// thumbnail's end lies before the scan.
+/// Whether a JPEG's scan comes to an end. The decoder shows grey where it does not, and nobody
+/// would know. A thumbnail's end lies before the scan.
 fn jpeg_has_end(data: &[u8]) -> bool {
     let last = |marker: [u8; 2]| data.windows(2).rposition(|w| w == marker);
     let scan = || jpeg_segments(data, |_, _| {}).or_else(|| last([0xff, 0xda]));

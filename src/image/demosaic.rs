@@ -1,9 +1,10 @@
 //! Bayer mosaic → colour by Malvar, He and Cutler (ICASSP 2004, the paper's [10]).
 //!
-//! In: one linear value per pixel. Out: three. The 5×5 filters correct bilinear interpolation with the
-//! Laplacian of the band that was measured, which is right where the bands are alike: under water red is
-//! ten times dimmer than green, and green's noise and edges would end up in it. So pass two demosaics *after* it has
-//! corrected the mosaic. Noise may go below 0, so that means stay true. Borders are mirrored about the edge pixel, which keeps the phase.
+//! In: one linear value per pixel. Out: three. The 5×5 filters correct bilinear interpolation with
+//! the Laplacian of the band that was measured, which is right where the bands are alike: under
+//! water red is ten times dimmer than green, and green's noise and edges would end up in it. So
+//! pass two demosaics *after* it has corrected the mosaic. Noise may go below 0, so that means stay
+//! true. Borders are mirrored about the edge pixel, which keeps the phase.
 
 /// The four phases: colours of the pixels (0,0) and (1,0), (0,1) and (1,1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +41,8 @@ const MARGIN: usize = 2;
 /// Rows that one row of colour is made from.
 const ROWS: usize = 2 * MARGIN + 1;
 
-/// A mosaic that comes row by row: colour follows two rows behind, so that no more than five are held.
+/// A mosaic that comes row by row: colour follows two rows behind, so that no more than five are
+/// held.
 pub struct Demosaic {
     width: usize,
     height: usize,
@@ -61,7 +63,14 @@ impl Demosaic {
     /// For pictures of at least 3×3 pixels.
     pub fn new(width: usize, height: usize, phase: Phase) -> Self {
         let row = || vec![0.0; width + 2 * MARGIN];
-        Self { width, height, phase, rows: std::array::from_fn(|_| row()), pushed: 0, color: vec![0.0; 3 * width] }
+        Self {
+            width,
+            height,
+            phase,
+            rows: std::array::from_fn(|_| row()),
+            pushed: 0,
+            color: vec![0.0; 3 * width],
+        }
     }
 
     /// Takes the next row of the mosaic; hands on each row of colour that it completes.
@@ -72,9 +81,16 @@ impl Demosaic {
             row[x] = source[mirrored(x as isize - MARGIN as isize, self.width)];
         }
         self.pushed += 1;
-        let complete = if self.pushed == self.height { self.pushed } else { self.pushed.saturating_sub(MARGIN) };
+        let complete = if self.pushed == self.height {
+            self.pushed
+        } else {
+            self.pushed.saturating_sub(MARGIN)
+        };
         for y in self.pushed.saturating_sub(1 + MARGIN)..complete {
-            let rows = std::array::from_fn(|k| self.rows[mirrored((y + k) as isize - MARGIN as isize, self.height) % ROWS].as_slice());
+            let rows = std::array::from_fn(|k| {
+                self.rows[mirrored((y + k) as isize - MARGIN as isize, self.height) % ROWS]
+                    .as_slice()
+            });
             let (red_row, red_column) = self.phase.red();
             if y % 2 == red_row {
                 color_row::<true>(rows, red_column, &mut self.color);
@@ -138,7 +154,9 @@ mod tests {
     #[test]
     fn a_colour_gradient_comes_back_in_every_phase() {
         let (w, h) = (24, 18);
-        let truth = |x: usize, y: usize| [0.2 + 0.01 * x as f32, 0.5 - 0.008 * y as f32, 0.3 + 0.004 * (x + y) as f32];
+        let truth = |x: usize, y: usize| {
+            [0.2 + 0.01 * x as f32, 0.5 - 0.008 * y as f32, 0.3 + 0.004 * (x + y) as f32]
+        };
         for phase in [Phase::Rggb, Phase::Bggr, Phase::Gbrg, Phase::Grbg] {
             let mosaic: Vec<f32> = (0..w * h)
                 .map(|i| {
@@ -150,7 +168,10 @@ mod tests {
             for y in 2..h - 2 {
                 for x in 2..w - 2 {
                     for band in 0..3 {
-                        assert!((rgb[(y * w + x) * 3 + band] - truth(x, y)[band]).abs() < 1e-5, "{phase:?} {x},{y} band {band}");
+                        assert!(
+                            (rgb[(y * w + x) * 3 + band] - truth(x, y)[band]).abs() < 1e-5,
+                            "{phase:?} {x},{y} band {band}"
+                        );
                     }
                 }
             }

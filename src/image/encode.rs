@@ -8,7 +8,14 @@ use libjpeg_turbo_rs::{PixelFormat, Subsampling};
 ///
 /// # Errors
 /// The encoder's own words; pictures over 65535 pixels a side.
-pub fn jpeg(samples: &[u8], width: usize, height: usize, bands: usize, quality: u8, subsampled: bool) -> Result<Vec<u8>, String> {
+pub fn jpeg(
+    samples: &[u8],
+    width: usize,
+    height: usize,
+    bands: usize,
+    quality: u8,
+    subsampled: bool,
+) -> Result<Vec<u8>, String> {
     if width.max(height) > 65535 {
         return Err(format!("a JPEG cannot hold {width}×{height} pixels; use --image-format png"));
     }
@@ -17,14 +24,21 @@ pub fn jpeg(samples: &[u8], width: usize, height: usize, bands: usize, quality: 
         (3, true) => Subsampling::S420,
         _ => Subsampling::S444,
     };
-    libjpeg_turbo_rs::compress(samples, width, height, format, quality, sampling).map_err(|e| format!("the JPEG encoder failed: {e}"))
+    libjpeg_turbo_rs::compress(samples, width, height, format, quality, sampling)
+        .map_err(|e| format!("the JPEG encoder failed: {e}"))
 }
 
 /// Encodes 8-bit samples (1 or 3 bands) as PNG, or 16-bit ones given as native-endian bytes.
 ///
 /// # Errors
 /// The encoder's own words.
-pub fn png(samples: &[u8], width: usize, height: usize, bands: usize, bits: u8) -> Result<Vec<u8>, String> {
+pub fn png(
+    samples: &[u8],
+    width: usize,
+    height: usize,
+    bands: usize,
+    bits: u8,
+) -> Result<Vec<u8>, String> {
     use image::ExtendedColorType as C;
     let color = match (bands, bits) {
         (1, 8) => C::L8,

@@ -1,7 +1,8 @@
-//! What the lens and the sensor take from an evenly lit picture (Eq. 7): vignetting as a formula, or a picture of an evenly lit
-//! surface. Divided out of every frame before anything else.
+//! What the lens and the sensor take from an evenly lit picture (Eq. 7): vignetting as a formula,
+//! or a picture of an evenly lit surface. Divided out of every frame before anything else.
 //!
-//! In: the share of light that arrives, per pixel and band, 1 where most does. Mosaics are divided as they are.
+//! In: the share of light that arrives, per pixel and band, 1 where most does. Mosaics are divided
+//! as they are.
 
 use super::demosaic::Phase;
 use super::{LinearImage, SensorImage};
@@ -22,7 +23,9 @@ impl FlatField {
     pub fn from_fn(width: usize, height: usize, share: impl Fn(f64, f64) -> f64) -> Self {
         let mut shares = LinearImage::new(width, height, 1);
         for (y, row) in shares.pixels.chunks_exact_mut(width).enumerate() {
-            row.iter_mut().enumerate().for_each(|(x, v)| *v = (share(x as f64, y as f64) as f32).max(LEAST_SHARE));
+            row.iter_mut()
+                .enumerate()
+                .for_each(|(x, v)| *v = (share(x as f64, y as f64) as f32).max(LEAST_SHARE));
         }
         Self { shares }
     }
@@ -30,10 +33,16 @@ impl FlatField {
     /// From a picture of an evenly lit surface, each band brought to 1.
     pub fn from_picture(mut picture: LinearImage) -> Self {
         for band in 0..picture.bands {
-            let mut values: Vec<f32> = picture.pixels.iter().skip(band).step_by(picture.bands).copied().collect();
+            let mut values: Vec<f32> =
+                picture.pixels.iter().skip(band).step_by(picture.bands).copied().collect();
             let at = ((values.len() - 1) as f64 * BRIGHTEST) as usize;
             let brightest = *values.select_nth_unstable_by(at, f32::total_cmp).1;
-            picture.pixels.iter_mut().skip(band).step_by(picture.bands).for_each(|v| *v = (*v / brightest.max(1e-9)).max(LEAST_SHARE));
+            picture
+                .pixels
+                .iter_mut()
+                .skip(band)
+                .step_by(picture.bands)
+                .for_each(|v| *v = (*v / brightest.max(1e-9)).max(LEAST_SHARE));
         }
         Self { shares: picture }
     }
@@ -46,7 +55,11 @@ impl FlatField {
         let SensorImage { light, mosaic } = image;
         self.ensure_fits(light.width, light.height)?;
         let row = light.width * light.bands;
-        light.pixels.chunks_exact_mut(row).enumerate().for_each(|(y, pixels)| self.divide_row(y, *mosaic, pixels));
+        light
+            .pixels
+            .chunks_exact_mut(row)
+            .enumerate()
+            .for_each(|(y, pixels)| self.divide_row(y, *mosaic, pixels));
         Ok(())
     }
 
@@ -81,7 +94,8 @@ mod tests {
 
     #[test]
     fn an_evenly_lit_picture_comes_out_even() {
-        let falloff = |x: f64, y: f64| 1.0 / (1.0 + ((x - 20.0).powi(2) + (y - 15.0).powi(2)) / 900.0);
+        let falloff =
+            |x: f64, y: f64| 1.0 / (1.0 + ((x - 20.0).powi(2) + (y - 15.0).powi(2)) / 900.0);
         let mut light = LinearImage::new(41, 31, 3);
         for (i, pixel) in light.pixels.chunks_exact_mut(3).enumerate() {
             let lit = falloff((i % 41) as f64, (i / 41) as f64) as f32;
@@ -92,7 +106,8 @@ mod tests {
             field.divide(&mut image).expect("one size");
             let spread = |b: usize| {
                 let of_band = image.light.pixels.iter().skip(b).step_by(3);
-                of_band.clone().copied().fold(0.0, f32::max) / of_band.copied().fold(f32::INFINITY, f32::min)
+                of_band.clone().copied().fold(0.0, f32::max)
+                    / of_band.copied().fold(f32::INFINITY, f32::min)
             };
             assert!((0..3).all(|b| spread(b) < 1.02), "{} {} {}", spread(0), spread(1), spread(2));
         }

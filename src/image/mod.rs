@@ -1,8 +1,9 @@
-//! Pictures: encoded as they lie in the log, and linear, proportional to light (paper §II-F, Eq. 8 to 9).
+//! Pictures: encoded as they lie in the log, and linear, proportional to light (paper §II-F, Eq. 8
+//! to 9).
 //!
-//! The logarithm of Eq. 15 is lawful only on linear values; taking the log of gamma-coded ones is the
-//! likeliest silent mistake in this field. So [`EncodedImage`] and [`LinearImage`] are different types and
-//! [`decode`](decode::decode) is the only way from one to the other.
+//! The logarithm of Eq. 15 is lawful only on linear values; taking the log of gamma-coded ones is
+//! the likeliest silent mistake in this field. So [`EncodedImage`] and [`LinearImage`] are
+//! different types and [`decode`](decode::decode) is the only way from one to the other.
 
 pub mod decode;
 pub mod demosaic;
@@ -15,10 +16,13 @@ pub mod response;
 pub mod transfer;
 mod yuv;
 
-/// The largest of many values, none of which counts below 0: eight at a time, in a loop that vectorises.
+/// The largest of many values, none of which counts below 0: eight at a time, in a loop that
+/// vectorises.
 pub fn largest(values: &[f32]) -> f32 {
     let (blocks, rest) = values.as_chunks::<8>();
-    let most = blocks.iter().fold([0f32; 8], |most, block| std::array::from_fn(|k| if block[k] > most[k] { block[k] } else { most[k] }));
+    let most = blocks.iter().fold([0f32; 8], |most, block| {
+        std::array::from_fn(|k| if block[k] > most[k] { block[k] } else { most[k] })
+    });
     most.iter().chain(rest).copied().fold(0.0, f32::max)
 }
 
@@ -42,7 +46,8 @@ pub enum EncodedImage<'v> {
     },
     /// a JPEG, PNG or WebP file
     Compressed {
-        /// what the writer says it is; only its first word, the pixel format before compression, is believed
+        /// what the writer says it is; only its first word, the pixel format before compression, is
+        /// believed
         format: &'v str,
         /// the file's bytes
         data: &'v [u8],
@@ -87,7 +92,12 @@ impl SensorImage {
     pub fn into_bands(self) -> LinearImage {
         let LinearImage { width, height, ref pixels, .. } = self.light;
         match self.mosaic {
-            Some(phase) => LinearImage { width, height, bands: 3, pixels: demosaic::demosaic(pixels, width, height, phase) },
+            Some(phase) => LinearImage {
+                width,
+                height,
+                bands: 3,
+                pixels: demosaic::demosaic(pixels, width, height, phase),
+            },
             None => self.light,
         }
     }

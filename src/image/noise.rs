@@ -1,6 +1,7 @@
-//! How far a picture's codes can be trusted, as far as that is known without the camera's data sheet: a code is one of so
-//! many, and light between two of them is lost (a uniform error of one step, standard deviation step/√12). Where the rig file
-//! tells the sensor's electrons, shot and read noise are added. What a JPEG loses beside that is not counted.
+//! How far a picture's codes can be trusted, as far as that is known without the camera's data
+//! sheet: a code is one of so many, and light between two of them is lost (a uniform error of one
+//! step, standard deviation step/√12). Where the rig file tells the sensor's electrons, shot and
+//! read noise are added. What a JPEG loses beside that is not counted.
 
 use super::decode::{Coding, Light};
 use super::transfer::Transfer;
@@ -36,12 +37,15 @@ impl Noise {
         };
         let share = |code: usize| code as f64 / codes as f64;
         let levels = match (light.response, coding.transfer) {
-            (Some(response), _) => (0..=codes).map(|c| response.to_linear(share(c)) as f32).collect(),
+            (Some(response), _) => {
+                (0..=codes).map(|c| response.to_linear(share(c)) as f32).collect()
+            }
             (None, Transfer::Linear | Transfer::Auto) => Vec::new(),
             (None, transfer) => (0..=codes).map(|c| transfer.to_linear(share(c)) as f32).collect(),
         };
         let steps = levels.windows(2).map(|pair: &[f32]| f64::from(pair[1] - pair[0]));
-        let largest_step = if levels.is_empty() { 1.0 / codes as f64 } else { steps.fold(0.0, f64::max) };
+        let largest_step =
+            if levels.is_empty() { 1.0 / codes as f64 } else { steps.fold(0.0, f64::max) };
         Self { levels, largest_step, electrons }
     }
 
@@ -63,7 +67,9 @@ impl Noise {
     }
 
     fn with_step(&self, step: f64, light: f64) -> f64 {
-        let shot = self.electrons.full_well.map_or(0.0, |full| (light.max(0.0) * full + self.electrons.read_noise.powi(2)) / (full * full));
+        let shot = self.electrons.full_well.map_or(0.0, |full| {
+            (light.max(0.0) * full + self.electrons.read_noise.powi(2)) / (full * full)
+        });
         (step * step / 12.0 + shot).sqrt()
     }
 }
@@ -75,17 +81,33 @@ mod tests {
 
     #[test]
     fn steps_of_codes_and_electrons() {
-        let coding = |bits, transfer, bits_used| Coding { bits, container: Container::Raw, transfer, bits_used };
+        let coding = |bits, transfer, bits_used| Coding {
+            bits,
+            container: Container::Raw,
+            transfer,
+            bits_used,
+        };
         let light = |white_level| Light { white_level, ..Light::default() };
         // 12 bits at the top of 16.
-        let twelve = Noise::of(&coding(16, Transfer::Linear, 0xfff0), light(Some(0xfff0)), Electrons::default());
+        let twelve = Noise::of(
+            &coding(16, Transfer::Linear, 0xfff0),
+            light(Some(0xfff0)),
+            Electrons::default(),
+        );
         assert!((twelve.std(0.3) * 12f64.sqrt() * 4095.0 - 1.0).abs() < 1e-9);
         // Code 128 of sRGB is 0.2159, the next 0.2195.
         let eight = Noise::of(&coding(8, Transfer::Srgb, 0xff), light(None), Electrons::default());
-        assert!(eight.std_at_most(0.2175) > eight.std(0.2175) && eight.std_at_most(0.2175) == eight.std(0.999));
+        assert!(
+            eight.std_at_most(0.2175) > eight.std(0.2175)
+                && eight.std_at_most(0.2175) == eight.std(0.999)
+        );
         assert!((eight.std(0.2175) * 12f64.sqrt() - 0.0036).abs() < 2e-4, "{}", eight.std(0.2175));
         // 10 000 electrons at full scale: a quarter of it has 50 of 2500, and reading adds 5.
-        let told = Noise::of(&coding(16, Transfer::Linear, 0xffff), light(None), Electrons { full_well: Some(1e4), read_noise: 5.0 });
+        let told = Noise::of(
+            &coding(16, Transfer::Linear, 0xffff),
+            light(None),
+            Electrons { full_well: Some(1e4), read_noise: 5.0 },
+        );
         assert!((told.std(0.25) * 1e4 - 2525f64.sqrt()).abs() < 0.01, "{}", told.std(0.25));
     }
 }

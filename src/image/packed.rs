@@ -1,7 +1,8 @@
-//! Samples of 10 or 12 bits without gaps → 16-bit samples, as GenICam cameras send them and drivers pass them on.
+//! Samples of 10 or 12 bits without gaps → 16-bit samples, as GenICam cameras send them and drivers
+//! pass them on.
 //!
-//! `…p` (PFNC) sets sample behind sample, the lowest bit first. `…Packed` (GigE Vision) sets the high bytes of two samples
-//! around a byte with the low bits of both.
+//! `…p` (PFNC) sets sample behind sample, the lowest bit first. `…Packed` (GigE Vision) sets the
+//! high bytes of two samples around a byte with the low bits of both.
 
 /// How bits lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,19 +29,33 @@ impl Packing {
             None => (word.strip_suffix('p')?, Order::InARow),
         };
         let bits = if unpacked.ends_with("10") { 10 } else { 12 };
-        (unpacked.ends_with("10") || unpacked.ends_with("12")).then(|| Self { unpacked: unpacked.into(), bits, order })
+        (unpacked.ends_with("10") || unpacked.ends_with("12")).then(|| Self {
+            unpacked: unpacked.into(),
+            bits,
+            order,
+        })
     }
 
     /// Bytes of a row; `None` where a row ends inside a byte, which nobody agrees on.
     fn row(&self, width: usize) -> Option<usize> {
         match self.order {
-            Order::InARow => width.checked_mul(self.bits).filter(|b| b.is_multiple_of(8)).map(|b| b / 8),
-            Order::Gige => width.is_multiple_of(2).then_some(width / 2).and_then(|pairs| pairs.checked_mul(3)),
+            Order::InARow => {
+                width.checked_mul(self.bits).filter(|b| b.is_multiple_of(8)).map(|b| b / 8)
+            }
+            Order::Gige => {
+                width.is_multiple_of(2).then_some(width / 2).and_then(|pairs| pairs.checked_mul(3))
+            }
         }
     }
 
-    /// The picture as little-endian 16-bit samples without padding; `None` where the data are too short.
-    pub fn unpack(&self, (width, height): (usize, usize), step: usize, data: &[u8]) -> Option<Vec<u8>> {
+    /// The picture as little-endian 16-bit samples without padding; `None` where the data are too
+    /// short.
+    pub fn unpack(
+        &self,
+        (width, height): (usize, usize),
+        step: usize,
+        data: &[u8],
+    ) -> Option<Vec<u8>> {
         let row = self.row(width)?;
         let needed = step.checked_mul(height.checked_sub(1)?)?.checked_add(row)?;
         if step < row || needed > data.len() {
@@ -85,15 +100,24 @@ mod tests {
     fn two_samples_in_three_bytes_both_ways() {
         let (a, b) = (0xabcu16, 0x123u16);
         let expected = [a.to_le_bytes(), b.to_le_bytes()].concat().repeat(6);
-        for (word, group) in [("Mono12p", [0xbc, 0x3a, 0x12]), ("Mono12Packed", [0xab, 0x3c, 0x12])] {
+        for (word, group) in [("Mono12p", [0xbc, 0x3a, 0x12]), ("Mono12Packed", [0xab, 0x3c, 0x12])]
+        {
             let packing = Packing::of(word).expect(word);
             assert_eq!(packing.unpacked, "mono12");
             let data = group.repeat(6);
             assert_eq!(packing.unpack((4, 3), 6, &data), Some(expected.clone()), "{word}");
             assert_eq!(packing.unpack((4, 3), 6, &data[1..]), None, "{word}: cut short");
-            assert_eq!(packing.unpack((5, 3), 8, &[0; 64]), None, "{word}: a row that ends inside a byte");
+            assert_eq!(
+                packing.unpack((5, 3), 8, &[0; 64]),
+                None,
+                "{word}: a row that ends inside a byte"
+            );
             assert_eq!(packing.unpack((usize::MAX - 1, 3), usize::MAX, &data), None);
         }
-        assert!(Packing::of("mono12").is_none() && Packing::of("bayer_rggb8p").is_none() && Packing::of("jpegp").is_none());
+        assert!(
+            Packing::of("mono12").is_none()
+                && Packing::of("bayer_rggb8p").is_none()
+                && Packing::of("jpegp").is_none()
+        );
     }
 }

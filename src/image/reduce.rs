@@ -3,8 +3,9 @@
 use super::LinearImage;
 use super::decode::Codes;
 
-/// The picture with its longer side no longer than `most_px` [px]: as it is where it fits, else means over square blocks.
-/// Of a mosaic the means are taken band by band, so nothing is interpolated.
+/// The picture with its longer side no longer than `most_px` [px]: as it is where it fits, else
+/// means over square blocks. Of a mosaic the means are taken band by band, so nothing is
+/// interpolated.
 pub fn reduced(codes: &Codes<'_>, most_px: usize) -> LinearImage {
     let block = codes.width.max(codes.height).div_ceil(most_px.max(1));
     if block <= 1 {
@@ -12,7 +13,8 @@ pub fn reduced(codes: &Codes<'_>, most_px: usize) -> LinearImage {
     }
     // A block of a mosaic holds whole cells, so every band is in it.
     let block = if codes.mosaic.is_some() { block.next_multiple_of(2) } else { block };
-    let (width, height, bands) = ((codes.width / block).max(1), (codes.height / block).max(1), codes.bands());
+    let (width, height, bands) =
+        ((codes.width / block).max(1), (codes.height / block).max(1), codes.bands());
     let stored = codes.stored_bands();
     let mut small = LinearImage::new(width, height, bands);
     let (mut counts, mut light) = (vec![0u32; width * bands], vec![0.0; codes.width * stored]);
@@ -42,18 +44,28 @@ mod tests {
     use crate::image::transfer::Transfer;
 
     fn raw<'a>(encoding: &'a str, width: usize, height: usize, data: &'a [u8]) -> Codes<'a> {
-        let picture = EncodedImage::Raw { width, height, encoding, big_endian: false, step: width, data };
-        codes(&picture, Light { transfer: Transfer::Linear, ..Light::default() }).expect("a picture")
+        let picture =
+            EncodedImage::Raw { width, height, encoding, big_endian: false, step: width, data };
+        codes(&picture, Light { transfer: Transfer::Linear, ..Light::default() })
+            .expect("a picture")
     }
 
     #[test]
     fn blocks_of_a_mosaic_keep_the_colour() {
         let (width, height) = (20, 12);
-        let data: Vec<u8> = (0..width * height).map(|i| [51, 102, 204][Phase::Grbg.band(i % width, i / width)]).collect();
+        let data: Vec<u8> = (0..width * height)
+            .map(|i| [51, 102, 204][Phase::Grbg.band(i % width, i / width)])
+            .collect();
         for most in [7, 10, 20, 40] {
             let small = reduced(&raw("bayer_grbg8", width, height, &data), most);
             assert!(small.width.max(small.height) <= most && small.bands == 3, "{most}");
-            assert!(small.pixels.chunks_exact(3).all(|p| (p[0] - 0.2).abs() + (p[1] - 0.4).abs() + (p[2] - 0.8).abs() < 1e-5), "{most}");
+            assert!(
+                small
+                    .pixels
+                    .chunks_exact(3)
+                    .all(|p| (p[0] - 0.2).abs() + (p[1] - 0.4).abs() + (p[2] - 0.8).abs() < 1e-5),
+                "{most}"
+            );
         }
     }
 

@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Transfer {
-    /// by the kind of picture: JPEG, PNG-8 and 8-bit rgb, bgr, mono are sRGB; bayer and 16 bit are linear
+    /// by the kind of picture: JPEG, PNG-8 and 8-bit rgb, bgr, mono are sRGB; bayer and 16 bit are
+    /// linear
     #[default]
     Auto,
     /// codes are proportional to light
@@ -43,10 +44,9 @@ impl std::str::FromStr for Transfer {
             "auto" => Ok(Self::Auto),
             "linear" => Ok(Self::Linear),
             "srgb" => Ok(Self::Srgb),
-            _ => word
-                .strip_prefix("gamma:")
-                .and_then(gamma)
-                .ok_or_else(|| format!("transfer {word:?} is not auto, linear, srgb or gamma:G with G in 0.2 to 5")),
+            _ => word.strip_prefix("gamma:").and_then(gamma).ok_or_else(|| {
+                format!("transfer {word:?} is not auto, linear, srgb or gamma:G with G in 0.2 to 5")
+            }),
         }
     }
 }
@@ -74,7 +74,8 @@ pub fn srgb_encode(light: f64) -> f64 {
     if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The upper end of 8-bit pictures: light above a level is squeezed in below white instead of being cut off there.
+/// The upper end of 8-bit pictures: light above a level is squeezed in below white instead of being
+/// cut off there.
 ///
 /// ```text
 /// shown = light                                      up to k
@@ -90,7 +91,11 @@ impl Shoulder {
     /// What light is shown as.
     pub fn shown(self, light: f64) -> f64 {
         let (k, room) = (self.from, 1.0 - self.from);
-        if light <= k || room <= 0.0 { light.min(1.0) } else { k - room * (-(light - k) / room).exp_m1() }
+        if light <= k || room <= 0.0 {
+            light.min(1.0)
+        } else {
+            k - room * (-(light - k) / room).exp_m1()
+        }
     }
 
     /// The light that is shown so: the way back.
@@ -105,8 +110,9 @@ impl Shoulder {
     }
 }
 
-/// Light → 8-bit sRGB code by table. A float's upper bits are its place: 512 steps per octave, each within 0.1 % of its
-/// middle, from what is still black up to twice white. So a code costs a shift and a look-up.
+/// Light → 8-bit sRGB code by table. A float's upper bits are its place: 512 steps per octave, each
+/// within 0.1 % of its middle, from what is still black up to twice white. So a code costs a shift
+/// and a look-up.
 pub struct SrgbTable(Box<[u8; Self::STEPS]>);
 
 impl SrgbTable {
@@ -121,8 +127,14 @@ impl SrgbTable {
 
     /// Fills the table.
     pub fn new(shoulder: Shoulder) -> Self {
-        let middle = |i: usize| f32::from_bits(Self::LEAST.to_bits() + ((i as u32) << Self::SHIFT) + (1 << (Self::SHIFT - 1)));
-        Self(Box::new(std::array::from_fn(|i| (srgb_encode(shoulder.shown(f64::from(middle(i)))) * 255.0).round() as u8)))
+        let middle = |i: usize| {
+            f32::from_bits(
+                Self::LEAST.to_bits() + ((i as u32) << Self::SHIFT) + (1 << (Self::SHIFT - 1)),
+            )
+        };
+        Self(Box::new(std::array::from_fn(|i| {
+            (srgb_encode(shoulder.shown(f64::from(middle(i)))) * 255.0).round() as u8
+        })))
     }
 
     /// The code of `light`; below 0 is black.
@@ -145,8 +157,13 @@ impl SrgbTable {
         let (mut places, mut codes) = ([0u32; MANY], [0u8; MANY]);
         for light in light.chunks(MANY) {
             places.iter_mut().zip(light).for_each(|(place, v)| *place = Self::place(*v));
-            for (codes, places) in codes.chunks_exact_mut(8).zip(places.chunks_exact(8)).take(light.len().div_ceil(8)) {
-                codes.iter_mut().zip(places).for_each(|(code, place)| *code = table[*place as usize & (Self::STEPS - 1)]);
+            for (codes, places) in
+                codes.chunks_exact_mut(8).zip(places.chunks_exact(8)).take(light.len().div_ceil(8))
+            {
+                codes
+                    .iter_mut()
+                    .zip(places)
+                    .for_each(|(code, place)| *code = table[*place as usize & (Self::STEPS - 1)]);
             }
             out.extend_from_slice(&codes[..light.len()]);
         }
@@ -180,9 +197,17 @@ mod tests {
         for i in 1..150 {
             let light = f64::from(i) / 100.0;
             assert!((shoulder.light(shoulder.shown(light)) - light).abs() < 1e-9);
-            let back = shoulder.light(Transfer::Srgb.to_linear(f64::from(bent.code(light as f32)) / 255.0));
-            assert!((back / light - 1.0).abs() < if light < 1.2 { 0.05 } else { 0.12 } || light < 0.05, "{light} came back as {back}");
+            let back = shoulder
+                .light(Transfer::Srgb.to_linear(f64::from(bent.code(light as f32)) / 255.0));
+            assert!(
+                (back / light - 1.0).abs() < if light < 1.2 { 0.05 } else { 0.12 } || light < 0.05,
+                "{light} came back as {back}"
+            );
         }
-        assert!((shoulder.white() - 1.76).abs() < 0.01 && bent.code(1.70) < 255 && bent.code(1.80) == 255);
+        assert!(
+            (shoulder.white() - 1.76).abs() < 0.01
+                && bent.code(1.70) < 255
+                && bent.code(1.80) == 255
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! Luma and chroma → 8-bit rgb: the YUV words of `sensor_msgs/image_encodings` and of Foxglove.
 //!
-//! BT.601 with video levels (16 to 235), as OpenCV and so `cv_bridge` read them. Which standard a camera means is
-//! nowhere in the message.
+//! BT.601 with video levels (16 to 235), as OpenCV and so `cv_bridge` read them. Which standard a
+//! camera means is nowhere in the message.
 
 /// How a YUV picture lies in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,12 +29,18 @@ pub fn is_yuv(encoding: &str) -> bool {
 }
 
 /// The picture as rgb8 without padding; `None` where the data are too short.
-pub fn to_rgb8(encoding: &str, (width, height): (usize, usize), step: usize, data: &[u8]) -> Option<Vec<u8>> {
+pub fn to_rgb8(
+    encoding: &str,
+    (width, height): (usize, usize),
+    step: usize,
+    data: &[u8],
+) -> Option<Vec<u8>> {
     let mut rgb = Vec::new();
     match order(encoding)? {
         Order::Packed { y, u, v } => {
             let row_bytes = width.div_ceil(2) * 4;
-            data.get(..step.checked_mul(height - 1)?.checked_add(row_bytes)?).filter(|_| step >= row_bytes)?;
+            data.get(..step.checked_mul(height - 1)?.checked_add(row_bytes)?)
+                .filter(|_| step >= row_bytes)?;
             rgb.reserve_exact(width * height * 3);
             for row in 0..height {
                 let row = &data[row * step..row * step + row_bytes];
@@ -48,7 +54,10 @@ pub fn to_rgb8(encoding: &str, (width, height): (usize, usize), step: usize, dat
             let (shrink, chroma_step) = if halved { (2, step) } else { (1, step.checked_mul(2)?) };
             let (chroma_rows, pairs) = (height.div_ceil(shrink), width.div_ceil(shrink));
             let start = step.checked_mul(height)?;
-            let end = chroma_step.checked_mul(chroma_rows - 1)?.checked_add(2 * pairs)?.checked_add(start)?;
+            let end = chroma_step
+                .checked_mul(chroma_rows - 1)?
+                .checked_add(2 * pairs)?
+                .checked_add(start)?;
             let fits = step >= width && chroma_step >= 2 * pairs;
             let (luma, chroma) = data.get(..end).filter(|_| fits)?.split_at(start);
             rgb.reserve_exact(width * height * 3);
@@ -67,7 +76,8 @@ pub fn to_rgb8(encoding: &str, (width, height): (usize, usize), step: usize, dat
 fn pixel(y: u8, u: u8, v: u8) -> [u8; 3] {
     let luma = 255.0 / 219.0 * (f32::from(y) - 16.0);
     let (u, v) = (255.0 / 224.0 * (f32::from(u) - 128.0), 255.0 / 224.0 * (f32::from(v) - 128.0));
-    [luma + 1.402 * v, luma - 0.344_136 * u - 0.714_136 * v, luma + 1.772 * u].map(|c| c.round().clamp(0.0, 255.0) as u8)
+    [luma + 1.402 * v, luma - 0.344_136 * u - 0.714_136 * v, luma + 1.772 * u]
+        .map(|c| c.round().clamp(0.0, 255.0) as u8)
 }
 
 #[cfg(test)]
@@ -88,7 +98,11 @@ mod tests {
         for (encoding, step, data) in cases {
             let rgb = to_rgb8(encoding, (4, 4), step, &data).expect(encoding);
             assert_eq!((rgb.len(), &rgb[..3], &rgb[45..]), (48, &red[..], &red[..]), "{encoding}");
-            assert_eq!(to_rgb8(encoding, (4, 4), step, &data[..data.len() - 1]), None, "{encoding} cut");
+            assert_eq!(
+                to_rgb8(encoding, (4, 4), step, &data[..data.len() - 1]),
+                None,
+                "{encoding} cut"
+            );
             assert_eq!(to_rgb8(encoding, (4, 4), usize::MAX, &data), None);
         }
     }

@@ -21,11 +21,15 @@ impl Panels {
 /// The layout as JSON, for "Import from file".
 pub fn foxglove(cameras: &[CameraViews]) -> String {
     let mut panels = Panels::default();
-    let mut trees: Vec<(String, Value)> = cameras.iter().map(|c| (c.name.clone(), of_camera(c, &mut panels))).collect();
+    let mut trees: Vec<(String, Value)> =
+        cameras.iter().map(|c| (c.name.clone(), of_camera(c, &mut panels))).collect();
     let root = if trees.len() == 1 {
         trees.remove(0).1
     } else {
-        let tabs: Vec<Value> = trees.into_iter().map(|(title, layout)| json!({ "title": title, "layout": layout })).collect();
+        let tabs: Vec<Value> = trees
+            .into_iter()
+            .map(|(title, layout)| json!({ "title": title, "layout": layout }))
+            .collect();
         panels.add("Tab", json!({ "activeTabIdx": 0, "tabs": tabs }))
     };
     let layout = json!({
@@ -40,25 +44,41 @@ pub fn foxglove(cameras: &[CameraViews]) -> String {
 
 fn of_camera(camera: &CameraViews, panels: &mut Panels) -> Value {
     let image = |panels: &mut Panels, topic: &Option<String>, title: &str| {
-        topic.as_ref().map(|t| panels.add("Image", json!({ "imageMode": { "imageTopic": t }, "foxglovePanelTitle": title })))
+        topic.as_ref().map(|t| {
+            panels.add(
+                "Image",
+                json!({ "imageMode": { "imageTopic": t }, "foxglovePanelTitle": title }),
+            )
+        })
     };
-    let pictures = [image(panels, &camera.raw, "raw"), image(panels, &camera.corrected, "corrected")];
+    let pictures =
+        [image(panels, &camera.raw, "raw"), image(panels, &camera.corrected, "corrected")];
     let scene = camera.cloud.as_ref().map(|_| panels.add("3D", scene(camera)));
     let top = row([row(pictures, 50), scene], 66);
 
-    let plot = |panels: &mut Panels, title: &str, paths: Vec<Value>| (!paths.is_empty()).then(|| panels.add("Plot", plot(title, &paths)));
-    let line =
-        |topic: &Option<String>, label: &str, colour: &str| topic.iter().map(|t| series(&format!("{t}.data[0]"), label, colour)).collect::<Vec<_>>();
-    let alphas = camera
-        .attenuation
-        .iter()
-        .flat_map(|t| bands(camera.bands).iter().enumerate().map(move |(i, (name, colour))| series(&format!("{t}.data[{i}]"), name, colour)));
+    let plot = |panels: &mut Panels, title: &str, paths: Vec<Value>| {
+        (!paths.is_empty()).then(|| panels.add("Plot", plot(title, &paths)))
+    };
+    let line = |topic: &Option<String>, label: &str, colour: &str| {
+        topic.iter().map(|t| series(&format!("{t}.data[0]"), label, colour)).collect::<Vec<_>>()
+    };
+    let alphas = camera.attenuation.iter().flat_map(|t| {
+        bands(camera.bands)
+            .iter()
+            .enumerate()
+            .map(move |(i, (name, colour))| series(&format!("{t}.data[{i}]"), name, colour))
+    });
     let attenuation = plot(panels, "attenuation [1/m]", alphas.collect());
-    let altitude = plot(panels, "camera altitude [m]", line(&camera.altitude, "altitude", "#3e84f7"));
-    let residual = plot(panels, "seafloor residual [m]", line(&camera.residual, "residual", "#e5484d"));
+    let altitude =
+        plot(panels, "camera altitude [m]", line(&camera.altitude, "altitude", "#3e84f7"));
+    let residual =
+        plot(panels, "seafloor residual [m]", line(&camera.residual, "residual", "#e5484d"));
     let beam = image(panels, &camera.beam_pattern, "beam pattern");
-    let log = camera.log.as_ref().map(|t| panels.add("RosOut", json!({ "topicToRender": t, "minLogLevel": 1, "searchTerms": [] })));
-    let bottom = row([row([attenuation, column([altitude, residual], 50)], 50), row([beam, log], 40)], 60);
+    let log = camera.log.as_ref().map(|t| {
+        panels.add("RosOut", json!({ "topicToRender": t, "minLogLevel": 1, "searchTerms": [] }))
+    });
+    let bottom =
+        row([row([attenuation, column([altitude, residual], 50)], 50), row([beam, log], 40)], 60);
     column([top, bottom], 62).unwrap_or(Value::Null)
 }
 
@@ -119,10 +139,13 @@ fn column(parts: [Option<Value>; 2], percent: u32) -> Option<Value> {
     split("column", parts, percent)
 }
 
-/// Two parts side by side, the first with so much of the room; one alone where the other is missing.
+/// Two parts side by side, the first with so much of the room; one alone where the other is
+/// missing.
 fn split(direction: &str, parts: [Option<Value>; 2], percent: u32) -> Option<Value> {
     match parts {
-        [Some(first), Some(second)] => Some(json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second })),
+        [Some(first), Some(second)] => Some(
+            json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second }),
+        ),
         [one, other] => one.or(other),
     }
 }

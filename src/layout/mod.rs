@@ -1,7 +1,9 @@
-//! Ready-made views of a corrected log: raw beside corrected, the seafloor in 3-D, plots and the beam pattern below; as a
-//! layout that Foxglove and Lichtblick import, and as a blueprint for rerun.
+//! Ready-made views of a corrected log: raw beside corrected, the seafloor in 3-D, plots and the
+//! beam pattern below; as a layout that Foxglove and Lichtblick import, and as a blueprint for
+//! rerun.
 //!
-//! In: the channels and the `unwater` metadata records of a corrected log. Out: text. Pixels and messages are not looked at.
+//! In: the channels and the `unwater` metadata records of a corrected log. Out: text. Pixels and
+//! messages are not looked at.
 
 mod foxglove;
 mod rerun;
@@ -50,10 +52,15 @@ pub fn cameras(recording: &Recording) -> Vec<CameraViews> {
         .metadata
         .iter()
         .filter_map(|record| {
-            let place = record.name.strip_prefix("unwater").filter(|place| place.is_empty() || place.starts_with('/'))?;
+            let place = record
+                .name
+                .strip_prefix("unwater")
+                .filter(|place| place.is_empty() || place.starts_with('/'))?;
             let fact = |key: &str| record.metadata.get(key).cloned();
             let (camera, corrected) = (fact("camera_topic")?, fact("corrected_topic")?);
-            let held = |topic: String| recording.channels.values().any(|c| c.topic == topic).then_some(topic);
+            let held = |topic: String| {
+                recording.channels.values().any(|c| c.topic == topic).then_some(topic)
+            };
             let ours = |name: &str| held(format!("/unwater{place}/{name}"));
             Some(CameraViews {
                 raw: ours("raw/compressed").or_else(|| held(camera.clone())),
@@ -63,7 +70,8 @@ pub fn cameras(recording: &Recording) -> Vec<CameraViews> {
                 cloud: ours("seafloor/cloud"),
                 strobe: ours("strobe"),
                 strobe_beam: ours("strobe/beam"),
-                seafloor_frame: ours("seafloor/transform").map(|_| format!("unwater{place}/seafloor")),
+                seafloor_frame: ours("seafloor/transform")
+                    .map(|_| format!("unwater{place}/seafloor")),
                 attenuation: ours("plot/attenuation_per_m"),
                 altitude: ours("plot/camera_altitude_m"),
                 residual: ours("plot/seafloor_residual_m"),
@@ -77,23 +85,40 @@ pub fn cameras(recording: &Recording) -> Vec<CameraViews> {
 
 /// The calibration whose topic has most in common with the camera's.
 fn camera_info_of(recording: &Recording, camera: &str) -> Option<String> {
-    let is_calibration =
-        |schema: u16| recording.schemas.get(&schema).is_some_and(|s| s.name.ends_with("CameraInfo") || s.name.ends_with("CameraCalibration"));
+    let is_calibration = |schema: u16| {
+        recording.schemas.get(&schema).is_some_and(|s| {
+            s.name.ends_with("CameraInfo") || s.name.ends_with("CameraCalibration")
+        })
+    };
     let alike = |topic: &str| topic.bytes().zip(camera.bytes()).take_while(|(a, b)| a == b).count();
-    let topics = recording.channels.values().filter(|c| is_calibration(c.schema_id)).map(|c| c.topic.clone());
+    let topics = recording
+        .channels
+        .values()
+        .filter(|c| is_calibration(c.schema_id))
+        .map(|c| c.topic.clone());
     topics.filter(|t| alike(t) > 1).max_by_key(|t| (alike(t), std::cmp::Reverse(t.clone())))
 }
 
 /// How many bands a camera's model has; three where the log does not say.
 fn bands_of(recording: &Recording, place: &str) -> usize {
     let name = format!("{place}/model.json");
-    let model = recording.attachments().filter_map(Result::ok).find(|a| a.name == name.trim_start_matches('/'));
+    let model = recording
+        .attachments()
+        .filter_map(Result::ok)
+        .find(|a| a.name == name.trim_start_matches('/'));
     let model = model.and_then(|a| recording.attachment_data(&a).ok());
     let model = model.and_then(|data| serde_json::from_slice::<serde_json::Value>(&data).ok());
-    model.and_then(|m| m["attenuation_per_m"].as_array().map(Vec::len)).filter(|n| (1..=3).contains(n)).unwrap_or(3)
+    model
+        .and_then(|m| m["attenuation_per_m"].as_array().map(Vec::len))
+        .filter(|n| (1..=3).contains(n))
+        .unwrap_or(3)
 }
 
 /// Names and colours of bands; a mono camera's one is grey.
 fn bands(count: usize) -> &'static [(&'static str, &'static str)] {
-    if count == 1 { &[("grey", "#9e9e9e")] } else { &[("red", "#e5484d"), ("green", "#30a46c"), ("blue", "#3e84f7")] }
+    if count == 1 {
+        &[("grey", "#9e9e9e")]
+    } else {
+        &[("red", "#e5484d"), ("green", "#30a46c"), ("blue", "#3e84f7")]
+    }
 }

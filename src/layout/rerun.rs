@@ -1,5 +1,6 @@
-//! A script that shows a corrected log in rerun. rerun's blueprints can only be written by its own library, and one that lies
-//! beside a log is not looked at; so this is Python, with the topics on top and nothing else that differs from log to log.
+//! A script that shows a corrected log in rerun. rerun's blueprints can only be written by its own
+//! library, and one that lies beside a log is not looked at; so this is Python, with the topics on
+//! top and nothing else that differs from log to log.
 
 use serde_json::{Value, json};
 
@@ -11,7 +12,8 @@ const SCRIPT: &str = include_str!("rerun.py");
 pub fn rerun(cameras: &[CameraViews], log: &str) -> String {
     let views: Vec<Value> = cameras.iter().map(of_camera).collect();
     // JSON's null is not Python's: the script reads the text.
-    let text = serde_json::to_string_pretty(&json!({ "log": log, "cameras": views })).unwrap_or_default();
+    let text =
+        serde_json::to_string_pretty(&json!({ "log": log, "cameras": views })).unwrap_or_default();
     SCRIPT.replace("@VIEWS@", &text.replace('\\', "\\\\").replace("'''", "\\'\\'\\'"))
 }
 

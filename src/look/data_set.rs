@@ -1,8 +1,10 @@
-//! A data set that an archive takes: the corrected stills, a table of them in the words BIIGLE reads, and an iFDO record
-//! (image FAIR digital object, version 2.1) of the whole. The stills are the log's own bytes where they are files already.
+//! A data set that an archive takes: the corrected stills, a table of them in the words BIIGLE
+//! reads, and an iFDO record (image FAIR digital object, version 2.1) of the whole. The stills are
+//! the log's own bytes where they are files already.
 //!
-//! What no log can know (who, under which licence, for which project) is left out unless a file of facts gives it: a made-up
-//! word would be worse than none. The lists are written last, so a folder without `ifdo.json` is not finished.
+//! What no log can know (who, under which licence, for which project) is left out unless a file of
+//! facts gives it: a made-up word would be worse than none. The lists are written last, so a folder
+//! without `ifdo.json` is not finished.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -74,28 +76,54 @@ pub fn export(
     progress: &dyn Progress,
 ) -> Result<DataSet> {
     let topic = camera.fact("corrected_topic");
-    let channels: BTreeSet<u16> = log.recording.channels.iter().filter(|(_, c)| c.topic == topic).map(|(id, _)| *id).collect();
-    let records: BTreeMap<u64, &FrameRecord> = camera.corrected().map(|(_, record)| (record.log_time, record)).collect();
+    let channels: BTreeSet<u16> = log
+        .recording
+        .channels
+        .iter()
+        .filter(|(_, c)| c.topic == topic)
+        .map(|(id, _)| *id)
+        .collect();
+    let records: BTreeMap<u64, &FrameRecord> =
+        camera.corrected().map(|(_, record)| (record.log_time, record)).collect();
     if records.is_empty() {
         let remedy = "no frame of it was corrected; its report says why".into();
-        return Err(Error::BadFile { path: log.recording.path().into(), what: "nothing to export", reason: remedy });
+        return Err(Error::BadFile {
+            path: log.recording.path().into(),
+            what: "nothing to export",
+            reason: remedy,
+        });
     }
     let stills_folder = folder.join("images");
-    std::fs::create_dir_all(&stills_folder).map_err(|source| Error::Write { path: stills_folder.clone(), source })?;
+    std::fs::create_dir_all(&stills_folder)
+        .map_err(|source| Error::Write { path: stills_folder.clone(), source })?;
     let places = Places::read(&log.recording, window);
     let fixes = places.best_fixes().map(|(_, fixes)| fixes.as_slice()).unwrap_or_default();
-    let sensor = camera.fact("camera_topic").trim_matches('/').split('/').next().unwrap_or_default().to_string();
+    let sensor = camera
+        .fact("camera_topic")
+        .trim_matches('/')
+        .split('/')
+        .next()
+        .unwrap_or_default()
+        .to_string();
 
     progress.begin(Step::Correct, records.len());
     let (mut stills, mut names) = (Vec::new(), BTreeSet::new());
     for message in messages_of(&log.recording, &channels, window) {
         let Some(record) = records.get(&message.log_time) else { continue };
-        let unreadable = |reason: String| Error::BadFile { path: log.recording.path().into(), what: "a corrected picture", reason };
+        let unreadable = |reason: String| Error::BadFile {
+            path: log.recording.path().into(),
+            what: "a corrected picture",
+            reason,
+        };
         let (bytes, ending) = still(log, &message).map_err(unreadable)?;
         let taken = utc(record.stamp).replace(['-', ':'], "").replace(' ', "_");
         // Two in one millisecond are told apart by their nanoseconds.
         let plain = format!("{sensor}_{taken}.{ending}");
-        let name = if names.contains(&plain) { format!("{sensor}_{taken}_{}.{ending}", record.stamp.0) } else { plain };
+        let name = if names.contains(&plain) {
+            format!("{sensor}_{taken}_{}.{ending}", record.stamp.0)
+        } else {
+            plain
+        };
         names.insert(name.clone());
         write_whole(&stills_folder.join(&name), &bytes)?;
         stills.push(Still { name, record, fix: fix_at(fixes, record.stamp), hash: sha256(&bytes) });
@@ -104,7 +132,8 @@ pub fn export(
     progress.end();
     let header = header(log, camera, facts, &stills, &sensor);
     let missing = REQUIRED.iter().filter(|key| !header.contains_key(**key)).copied().collect();
-    let items: Map<String, Json> = stills.iter().map(|still| (still.name.clone(), item(camera, still))).collect();
+    let items: Map<String, Json> =
+        stills.iter().map(|still| (still.name.clone(), item(camera, still))).collect();
     let ifdo = json!({ "image-set-header": header, "image-set-items": items });
     let text = |value: &Json| serde_json::to_string_pretty(value).unwrap_or_default() + "\n";
     write_whole(&folder.join("model.json"), camera.model.to_json().as_bytes())?;
@@ -115,13 +144,22 @@ pub fn export(
 }
 
 /// A picture as a file, and its name's ending.
-fn still(log: &CorrectedLog, message: &Message) -> std::result::Result<(Vec<u8>, &'static str), String> {
+fn still(
+    log: &CorrectedLog,
+    message: &Message,
+) -> std::result::Result<(Vec<u8>, &'static str), String> {
     let decoder = log.scan.decoders.get(&message.channel).ok_or("its type is not known")?;
     let value = decoder.read(message.data())?;
-    let Kind::Picture(read) = decoder.message_type.kind else { return Err("its channel holds no pictures".into()) };
+    let Kind::Picture(read) = decoder.message_type.kind else {
+        return Err("its channel holds no pictures".into());
+    };
     match read(&value)? {
-        EncodedImage::Compressed { data, .. } if data.starts_with(b"\xff\xd8") => Ok((data.to_vec(), "jpg")),
-        EncodedImage::Compressed { data, .. } if data.starts_with(b"\x89PNG") => Ok((data.to_vec(), "png")),
+        EncodedImage::Compressed { data, .. } if data.starts_with(b"\xff\xd8") => {
+            Ok((data.to_vec(), "jpg"))
+        }
+        EncodedImage::Compressed { data, .. } if data.starts_with(b"\x89PNG") => {
+            Ok((data.to_vec(), "png"))
+        }
         EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
             let (bands, bits) = match encoding {
                 "mono8" => (1, 8),
@@ -131,7 +169,10 @@ fn still(log: &CorrectedLog, message: &Message) -> std::result::Result<(Vec<u8>,
                 other => return Err(format!("pictures coded {other} are not written as files")),
             };
             let row = width * bands * usize::from(bits) / 8;
-            let rows = data.chunks(step.max(1)).take(height).map(|r| r.get(..row).ok_or("it is shorter than it says"));
+            let rows = data
+                .chunks(step.max(1))
+                .take(height)
+                .map(|r| r.get(..row).ok_or("it is shorter than it says"));
             let mut samples = rows.collect::<std::result::Result<Vec<_>, _>>()?.concat();
             if bits == 16 && big_endian != cfg!(target_endian = "big") {
                 samples.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1));
@@ -155,15 +196,26 @@ fn uuid(of: &str) -> String {
     [0..8, 8..12, 12..16, 16..20, 20..32].map(|part| hex[part].iter().collect::<String>()).join("-")
 }
 
-fn header(log: &CorrectedLog, camera: &CameraLog, facts: &Map<String, Json>, stills: &[Still<'_>], sensor: &str) -> Map<String, Json> {
+fn header(
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    facts: &Map<String, Json>,
+    stills: &[Still<'_>],
+    sensor: &str,
+) -> Map<String, Json> {
     let source = camera.fact("source_sha256");
-    let source = if source.is_empty() { log.recording.sha256().unwrap_or_default() } else { source };
+    let source =
+        if source.is_empty() { log.recording.sha256().unwrap_or_default() } else { source };
     let model = &camera.model;
     let water = format!(
         "{} attenuation coefficients in 1/m (red, green, blue): {}; {}; see model.json",
         model.attenuation_kind,
         model.attenuation_text(),
-        if model.identified { "identified from this log" } else { "not identified: of this dive alone" }
+        if model.identified {
+            "identified from this log"
+        } else {
+            "not identified: of this dive alone"
+        }
     );
     let mut header = Map::new();
     let mut set = |key: &str, value: Json| header.insert(key.into(), value);
@@ -174,8 +226,14 @@ fn header(log: &CorrectedLog, camera: &CameraLog, facts: &Map<String, Json>, sti
     set("image-acquisition", json!("photo"));
     set("image-quality", json!("product"));
     set("image-illumination", json!("artificial light"));
-    set("image-photometric-calibration", json!({ "photometric-water-properties-description": water }));
-    let said = format!("unwater {}: method {}, from {}", camera.report.version, camera.report.method, camera.report.source);
+    set(
+        "image-photometric-calibration",
+        json!({ "photometric-water-properties-description": water }),
+    );
+    let said = format!(
+        "unwater {}: method {}, from {}",
+        camera.report.version, camera.report.method, camera.report.source
+    );
     set("image-curation-protocol", json!(said));
     if let Some(first) = stills.first() {
         set("image-datetime", json!(utc(first.record.stamp)));
@@ -211,12 +269,27 @@ fn millimetres(metres: f64) -> f64 {
 
 /// Columns by BIIGLE's names, then our own; what is not known is empty.
 fn table(stills: &[Still<'_>]) -> String {
-    let mut text = String::from("filename,taken_at,lng,lat,distance_to_ground,stamp_ns,seafloor_support,seafloor_residual_m\n");
+    let mut text = String::from(
+        "filename,taken_at,lng,lat,distance_to_ground,stamp_ns,seafloor_support,\
+         seafloor_residual_m\n",
+    );
     for Still { name, record, fix, .. } in stills {
-        let number = |value: f64| if value.is_finite() { millimetres(value).to_string() } else { String::new() };
-        let (lng, lat) = fix.map_or_else(Default::default, |f| (f.longitude.to_string(), f.latitude.to_string()));
-        let (support, residual) = record.floor.as_ref().map_or_else(Default::default, |f| (f.support.clone(), number(f.residual_m)));
-        let line = writeln!(text, "{name},{},{lng},{lat},{},{},{support},{residual}", utc(record.stamp), number(record.altitude_m), record.stamp.0);
+        let number = |value: f64| {
+            if value.is_finite() { millimetres(value).to_string() } else { String::new() }
+        };
+        let (lng, lat) = fix
+            .map_or_else(Default::default, |f| (f.longitude.to_string(), f.latitude.to_string()));
+        let (support, residual) = record
+            .floor
+            .as_ref()
+            .map_or_else(Default::default, |f| (f.support.clone(), number(f.residual_m)));
+        let line = writeln!(
+            text,
+            "{name},{},{lng},{lat},{},{},{support},{residual}",
+            utc(record.stamp),
+            number(record.altitude_m),
+            record.stamp.0
+        );
         debug_assert!(line.is_ok(), "text grows");
     }
     text

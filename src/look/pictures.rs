@@ -5,7 +5,8 @@ use base64::Engine as _;
 use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::image::{LinearImage, encode};
 
-/// Light of the brightest that is shown [share of white], and which quantile of the picture that is.
+/// Light of the brightest that is shown [share of white], and which quantile of the picture that
+/// is.
 const BRIGHT_LEVEL: f64 = 0.75;
 const BRIGHT_QUANTILE: f64 = 0.995;
 
@@ -38,7 +39,8 @@ pub fn scaled(image: &LinearImage, width: usize) -> LinearImage {
     let mut out = LinearImage::new(width, height, bands);
     for (target, (first, weights)) in out.pixels.chunks_exact_mut(width * bands).zip(&down) {
         for (row, weight) in weights.iter().enumerate() {
-            let source = &image.pixels[(first + row) * image.width * bands..][..image.width * bands];
+            let source =
+                &image.pixels[(first + row) * image.width * bands..][..image.width * bands];
             for (pixel, (left, shares)) in target.chunks_exact_mut(bands).zip(&across) {
                 for (column, share) in shares.iter().enumerate() {
                     for (b, value) in pixel.iter_mut().enumerate() {
@@ -58,7 +60,9 @@ fn covers(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
         let (start, end) = (i as f64 * ratio, ((i + 1) as f64 * ratio).min(from as f64));
         let first = (start as usize).min(from - 1);
         let last = (end.ceil() as usize).clamp(first + 1, from);
-        let share = |k: usize| ((end.min((k + 1) as f64) - start.max(k as f64)).max(0.0) / (end - start)) as f32;
+        let share = |k: usize| {
+            ((end.min((k + 1) as f64) - start.max(k as f64)).max(0.0) / (end - start)) as f32
+        };
         (first, (first..last).map(share).collect())
     };
     (0..to).map(of).collect()
@@ -66,8 +70,11 @@ fn covers(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
 
 /// The factor that brings pictures' bright end to a level that can be looked at.
 pub fn exposure<'i>(images: impl Iterator<Item = &'i LinearImage>) -> f32 {
-    let mut brightest: Vec<f32> =
-        images.flat_map(|i| i.pixels.chunks_exact(i.bands)).map(|p| p.iter().copied().fold(0.0, f32::max)).filter(|v| v.is_finite()).collect();
+    let mut brightest: Vec<f32> = images
+        .flat_map(|i| i.pixels.chunks_exact(i.bands))
+        .map(|p| p.iter().copied().fold(0.0, f32::max))
+        .filter(|v| v.is_finite())
+        .collect();
     if brightest.is_empty() {
         return 1.0;
     }
@@ -89,7 +96,13 @@ pub fn codes_as_shown(image: &LinearImage) -> Vec<u8> {
 }
 
 /// A JPEG inside of a page.
-pub fn jpeg_uri(codes: &[u8], width: usize, height: usize, bands: usize, quality: u8) -> Result<String, String> {
+pub fn jpeg_uri(
+    codes: &[u8],
+    width: usize,
+    height: usize,
+    bands: usize,
+    quality: u8,
+) -> Result<String, String> {
     let jpeg = encode::jpeg(codes, width, height, bands, quality, true)?;
     Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg)))
 }
@@ -101,7 +114,11 @@ mod tests {
     #[test]
     fn blocks_are_means_and_odd_ends_are_left_off() {
         let mut image = LinearImage::new(5, 4, 3);
-        image.pixels.iter_mut().enumerate().for_each(|(i, v)| *v = (i / 3 % 5) as f32 + (i % 3) as f32 * 10.0);
+        image
+            .pixels
+            .iter_mut()
+            .enumerate()
+            .for_each(|(i, v)| *v = (i / 3 % 5) as f32 + (i % 3) as f32 * 10.0);
         let small = reduced(&image, 3);
         assert_eq!((small.width, small.height), (2, 2));
         assert_eq!(small.at(0, 0), &[0.5, 10.5, 20.5]);
@@ -110,7 +127,11 @@ mod tests {
         let third = scaled(&image, 2);
         assert_eq!((third.width, third.height), (2, 2));
         // 2½ of 5 columns: (0 + 1 + ½ · 2) / 2.5
-        assert!((third.at(0, 0)[0] - 0.8).abs() < 1e-6 && (third.at(1, 1)[2] - 23.2).abs() < 1e-5, "{:?}", third.pixels);
+        assert!(
+            (third.at(0, 0)[0] - 0.8).abs() < 1e-6 && (third.at(1, 1)[2] - 23.2).abs() < 1e-5,
+            "{:?}",
+            third.pixels
+        );
         assert_eq!(exposure([LinearImage::new(2, 2, 1)].iter()), 1.0);
     }
 }

@@ -1,7 +1,8 @@
 //! Where the vehicle was: whatever the log says of it, seen from above.
 //!
-//! Odometry comes first, as it is smooth; then the DVL's velocity turned by the attitude and added up; then fixes
-//! (latitude and longitude), which jump. Whether a world's z points up or down is told by the seafloor, which lies below.
+//! Odometry comes first, as it is smooth; then the DVL's velocity turned by the attitude and added
+//! up; then fixes (latitude and longitude), which jump. Whether a world's z points up or down is
+//! told by the seafloor, which lies below.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -57,13 +58,24 @@ impl Places {
             if !may_hold_places(&schema.data) || channel.topic.starts_with("/unwater") {
                 return None;
             }
-            Decoder::by_path(&channel.message_encoding, &schema.name, &schema.encoding, &schema.data).ok()
+            Decoder::by_path(
+                &channel.message_encoding,
+                &schema.name,
+                &schema.encoding,
+                &schema.data,
+            )
+            .ok()
         };
-        let decoders: BTreeMap<u16, Decoder> = recording.channels.iter().filter_map(|(id, c)| Some((*id, decoder(c)?))).collect();
+        let decoders: BTreeMap<u16, Decoder> =
+            recording.channels.iter().filter_map(|(id, c)| Some((*id, decoder(c)?))).collect();
         let wanted: BTreeSet<u16> = decoders.keys().copied().collect();
         let mut places = Self::default();
         for message in messages_of(recording, &wanted, window) {
-            let (Some(channel), Some(decoder)) = (recording.channels.get(&message.channel), decoders.get(&message.channel)) else { continue };
+            let (Some(channel), Some(decoder)) =
+                (recording.channels.get(&message.channel), decoders.get(&message.channel))
+            else {
+                continue;
+            };
             let Ok(value) = decoder.read(message.data()) else { continue };
             let stamp = heading(&value).stamp.unwrap_or(message.logged());
             if let Some(fix) = fix(&value, stamp) {
@@ -75,18 +87,26 @@ impl Places {
         places.poses.values_mut().for_each(|p| p.sort_by_key(|p| p.stamp));
         places.fixes.values_mut().for_each(|f| f.sort_by_key(|f| f.stamp));
         // What never moves is a mount or a goal, not a way.
-        places.poses.retain(|_, poses| poses.windows(2).any(|p| p[0].world_from_body.translation != p[1].world_from_body.translation));
+        places.poses.retain(|_, poses| {
+            poses
+                .windows(2)
+                .any(|p| p[0].world_from_body.translation != p[1].world_from_body.translation)
+        });
         places
     }
 
     /// The topic with most poses.
     fn best(&self) -> Option<(&String, &Vec<Pose>)> {
-        self.poses.iter().max_by_key(|(topic, poses)| (poses.len(), std::cmp::Reverse((*topic).clone())))
+        self.poses
+            .iter()
+            .max_by_key(|(topic, poses)| (poses.len(), std::cmp::Reverse((*topic).clone())))
     }
 
     /// The topic with most fixes.
     pub fn best_fixes(&self) -> Option<(&String, &Vec<Fix>)> {
-        self.fixes.iter().max_by_key(|(topic, fixes)| (fixes.len(), std::cmp::Reverse((*topic).clone())))
+        self.fixes
+            .iter()
+            .max_by_key(|(topic, fixes)| (fixes.len(), std::cmp::Reverse((*topic).clone())))
     }
 }
 
@@ -101,33 +121,53 @@ fn fix(value: &Value<'_>, stamp: Stamp) -> Option<Fix> {
     let has_none = value.number("status.status").is_some_and(|s| s < 0.0);
     let at = |path: &str| value.number(path).or_else(|| value.number(&format!("position.{path}")));
     let (latitude, longitude) = (at("latitude")?, at("longitude")?);
-    let sane = latitude.abs() <= 90.0 && longitude.abs() <= 360.0 && (latitude, longitude) != (0.0, 0.0);
+    let sane =
+        latitude.abs() <= 90.0 && longitude.abs() <= 360.0 && (latitude, longitude) != (0.0, 0.0);
     (sane && !has_none).then_some(Fix { stamp, latitude, longitude })
 }
 
 fn pose(value: &Value<'_>, stamp: Stamp) -> Option<Pose> {
-    let path = ["pose.pose", "pose"].into_iter().find(|p| value.xyz(&format!("{p}.position")).is_some())?;
+    let path = ["pose.pose", "pose"]
+        .into_iter()
+        .find(|p| value.xyz(&format!("{p}.position")).is_some())?;
     let [x, y, z] = value.xyz(&format!("{path}.position"))?;
     if ![x, y, z].iter().all(|v| v.is_finite()) {
         return None;
     }
-    let turn = value.xyzw(&format!("{path}.orientation")).filter(|q| q.iter().map(|v| v * v).sum::<f64>() > 0.5);
-    let rotation = turn.map_or_else(UnitQuaternion::identity, |[x, y, z, w]| UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z)));
-    Some(Pose { stamp, world_from_body: Isometry3::from_parts(Translation3::new(x, y, z), rotation), has_turn: turn.is_some() })
+    let turn = value
+        .xyzw(&format!("{path}.orientation"))
+        .filter(|q| q.iter().map(|v| v * v).sum::<f64>() > 0.5);
+    let rotation = turn.map_or_else(UnitQuaternion::identity, |[x, y, z, w]| {
+        UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z))
+    });
+    Some(Pose {
+        stamp,
+        world_from_body: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
+        has_turn: turn.is_some(),
+    })
 }
 
 /// Where a frame was, and how that is known.
 pub struct Placed {
-    /// per frame: the stretch it belongs to, and world_from_body with z up; `None` where nothing is known
+    /// per frame: the stretch it belongs to, and world_from_body with z up; `None` where nothing is
+    /// known
     pub poses: Vec<Option<(u32, Isometry3<f64>)>>,
     /// words for people
     pub source: String,
 }
 
-/// Poses of frames with their planes, by odometry or else by the DVL's way; `None` where the log has neither.
-pub fn placed(log: &Prepared, places: &Places, frames: &[(Stamp, SeafloorPlane)]) -> Option<Placed> {
+/// Poses of frames with their planes, by odometry or else by the DVL's way; `None` where the log
+/// has neither.
+pub fn placed(
+    log: &Prepared,
+    places: &Places,
+    frames: &[(Stamp, SeafloorPlane)],
+) -> Option<Placed> {
     if let Some((topic, poses)) = places.best().filter(|(_, p)| p.iter().all(|p| p.has_turn)) {
-        let found: Vec<_> = frames.iter().map(|(stamp, plane)| Some((0, upright(pose_at(poses, *stamp)?, plane)))).collect();
+        let found: Vec<_> = frames
+            .iter()
+            .map(|(stamp, plane)| Some((0, upright(pose_at(poses, *stamp)?, plane))))
+            .collect();
         if 2 * found.iter().flatten().count() > frames.len() {
             return Some(Placed { poses: found, source: format!("odometry ({topic})") });
         }
@@ -135,24 +175,33 @@ pub fn placed(log: &Prepared, places: &Places, frames: &[(Stamp, SeafloorPlane)]
     let survey = &log.survey;
     let by_way = |(stamp, plane): &(Stamp, SeafloorPlane)| {
         let turn = survey.pings.attitude().world_from_body(*stamp)?;
-        let (stretch, origin) = survey.pings.in_world(*stamp, Point::from_vector(Vector3::zeros()), &survey.rig)?;
+        let (stretch, origin) =
+            survey.pings.in_world(*stamp, Point::from_vector(Vector3::zeros()), &survey.rig)?;
         Some((stretch, upright(Isometry3::from_parts(Translation3::from(origin), turn), plane)))
     };
     let found: Vec<_> = frames.iter().map(by_way).collect();
     let most = 2 * found.iter().flatten().count() > frames.len();
-    most.then(|| Placed { poses: found, source: format!("velocities of {} and attitude, added up", survey.dvl_topic) })
+    most.then(|| Placed {
+        poses: found,
+        source: format!("velocities of {} and attitude, added up", survey.dvl_topic),
+    })
 }
 
 /// A pose between two others.
 fn pose_at(poses: &[Pose], stamp: Stamp) -> Option<Isometry3<f64>> {
     let after = poses.partition_point(|p| p.stamp < stamp);
-    let near = |p: &Pose| (p.stamp.seconds_since(stamp).abs() < LONGEST_GAP_S / 2.0).then_some(p.world_from_body);
+    let near = |p: &Pose| {
+        (p.stamp.seconds_since(stamp).abs() < LONGEST_GAP_S / 2.0).then_some(p.world_from_body)
+    };
     match (after.checked_sub(1).and_then(|i| poses.get(i)), poses.get(after)) {
         (Some(a), Some(b)) if b.stamp.seconds_since(a.stamp) < LONGEST_GAP_S => {
             let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
             let (p, q) = (a.world_from_body, b.world_from_body);
             let turn = p.rotation.try_slerp(&q.rotation, share, 1e-9).unwrap_or(p.rotation);
-            Some(Isometry3::from_parts(Translation3::from(p.translation.vector.lerp(&q.translation.vector, share)), turn))
+            Some(Isometry3::from_parts(
+                Translation3::from(p.translation.vector.lerp(&q.translation.vector, share)),
+                turn,
+            ))
         }
         (a, b) => a.and_then(near).or_else(|| b.and_then(near)),
     }
@@ -164,13 +213,19 @@ fn upright(world_from_body: Isometry3<f64>, plane: &SeafloorPlane) -> Isometry3<
         return world_from_body;
     }
     // North, east, down → east, north, up: half a turn about the line between the first two.
-    let half_turn = UnitQuaternion::from_axis_angle(&nalgebra::Unit::new_normalize(Vector3::new(1.0, 1.0, 0.0)), std::f64::consts::PI);
+    let half_turn = UnitQuaternion::from_axis_angle(
+        &nalgebra::Unit::new_normalize(Vector3::new(1.0, 1.0, 0.0)),
+        std::f64::consts::PI,
+    );
     half_turn * world_from_body
 }
 
 /// Metres east and north of the first fix.
 pub fn east_north(fix: &Fix, from: &Fix) -> [f64; 2] {
-    [(fix.longitude - from.longitude) * M_PER_DEG * from.latitude.to_radians().cos(), (fix.latitude - from.latitude) * M_PER_DEG]
+    [
+        (fix.longitude - from.longitude) * M_PER_DEG * from.latitude.to_radians().cos(),
+        (fix.latitude - from.latitude) * M_PER_DEG,
+    ]
 }
 
 /// A fix between two others; `None` far from any.
@@ -182,7 +237,11 @@ pub fn fix_at(fixes: &[Fix], stamp: Stamp) -> Option<Fix> {
         (Some(a), Some(b)) if b.stamp.seconds_since(a.stamp) < 10.0 * LONGEST_GAP_S => {
             let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
             let between = |p: f64, q: f64| p + (q - p) * share;
-            Some(Fix { stamp, latitude: between(a.latitude, b.latitude), longitude: between(a.longitude, b.longitude) })
+            Some(Fix {
+                stamp,
+                latitude: between(a.latitude, b.latitude),
+                longitude: between(a.longitude, b.longitude),
+            })
         }
         (a, b) => a.and_then(near).or_else(|| b.and_then(near)),
     }
@@ -194,11 +253,19 @@ mod tests {
     use crate::geometry::Support;
     use crate::spaces::Direction;
 
-    /// A vehicle that looks down is below its own way in either world; seen from above, east is right and north is up.
+    /// A vehicle that looks down is below its own way in either world; seen from above, east is
+    /// right and north is up.
     #[test]
     fn north_east_down_is_turned_up() {
         let normal = Direction::from_vector(Vector3::z()).expect("a direction");
-        let plane = SeafloorPlane { normal, distance_m: 2.0, support: Support::LeastSquares, hits: 9, residual_m: 0.0, nearest_ping_s: 0.0 };
+        let plane = SeafloorPlane {
+            normal,
+            distance_m: 2.0,
+            support: Support::LeastSquares,
+            hits: 9,
+            residual_m: 0.0,
+            nearest_ping_s: 0.0,
+        };
         let north_5_east_2 = Isometry3::translation(5.0, 2.0, 30.0);
         let up = upright(north_5_east_2, &plane);
         assert!((up.translation.vector - Vector3::new(2.0, 5.0, -30.0)).norm() < 1e-12, "{up}");

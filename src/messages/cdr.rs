@@ -1,8 +1,9 @@
-//! Bytes on the wire → values: OMG CDR as ROS 2 writes it, both endians, and ROS 1 serialisation, which is the same
-//! without header, alignment and NUL.
+//! Bytes on the wire → values: OMG CDR as ROS 2 writes it, both endians, and ROS 1 serialisation,
+//! which is the same without header, alignment and NUL.
 //!
-//! Memory is bounded by the message: a sequence that claims more elements than there are bytes left is
-//! an error before anything is allocated. Alignment counts from behind the 4-byte encapsulation header.
+//! Memory is bounded by the message: a sequence that claims more elements than there are bytes left
+//! is an error before anything is allocated. Alignment counts from behind the 4-byte encapsulation
+//! header.
 
 use std::borrow::Cow;
 
@@ -16,16 +17,18 @@ use super::value::{Budget, Value};
 pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
     let [0, flags, _, _, body @ ..] = message else {
         return Err(match message {
-            [0x28, 0xb5, 0x2f, 0xfd, ..] => {
-                "the message itself is zstd-compressed (rosbag2 'message' compression); decompress with `ros2 bag convert` first".into()
-            }
+            [0x28, 0xb5, 0x2f, 0xfd, ..] => "the message itself is zstd-compressed (rosbag2 \
+                                             'message' compression); decompress with `ros2 bag \
+                                             convert` first"
+                .into(),
             _ => format!("no CDR encapsulation header in {} bytes", message.len()),
         });
     };
     if *flags > 1 {
         return Err(format!("CDR representation {flags:#04x} is not plain CDR"));
     }
-    Reader { body, at: 0, little: *flags == 1, aligned: true, budget: Budget::of(body) }.root(layout)
+    Reader { body, at: 0, little: *flags == 1, aligned: true, budget: Budget::of(body) }
+        .root(layout)
 }
 
 /// Reads one message of ROS 1 by its layout.
@@ -33,7 +36,8 @@ pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String>
 /// # Errors
 /// As [`read`].
 pub fn read_ros1<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
-    Reader { body: message, at: 0, little: true, aligned: false, budget: Budget::of(message) }.root(layout)
+    Reader { body: message, at: 0, little: true, aligned: false, budget: Budget::of(message) }
+        .root(layout)
 }
 
 struct Reader<'a> {
@@ -52,7 +56,9 @@ impl<'a> Reader<'a> {
 
     fn take(&mut self, size: usize) -> Result<&'a [u8], String> {
         let end = self.at.checked_add(size).filter(|e| *e <= self.body.len());
-        let end = end.ok_or_else(|| format!("the message ends at byte {} where {size} more are needed", self.body.len()))?;
+        let end = end.ok_or_else(|| {
+            format!("the message ends at byte {} where {size} more are needed", self.body.len())
+        })?;
         let bytes = &self.body[self.at..end];
         self.at = end;
         Ok(bytes)
@@ -84,7 +90,11 @@ impl<'a> Reader<'a> {
     }
 
     fn float(&mut self, size: usize) -> Result<f64, String> {
-        Ok(if size == 4 { f64::from(f32::from_le_bytes(self.number()?)) } else { f64::from_le_bytes(self.number()?) })
+        Ok(if size == 4 {
+            f64::from(f32::from_le_bytes(self.number()?))
+        } else {
+            f64::from_le_bytes(self.number()?)
+        })
     }
 
     fn primitive(&mut self, kind: Primitive) -> Result<Value<'a>, String> {
@@ -106,7 +116,9 @@ impl<'a> Reader<'a> {
                 if length > self.body.len().saturating_sub(self.at) {
                     return Err("a wide string longer than its message".into());
                 }
-                let units = (0..length).map(|_| self.unsigned(2).map(|u| u as u16)).collect::<Result<Vec<_>, _>>()?;
+                let units = (0..length)
+                    .map(|_| self.unsigned(2).map(|u| u as u16))
+                    .collect::<Result<Vec<_>, _>>()?;
                 Value::Text(Cow::Owned(String::from_utf16_lossy(&units)))
             }
         })
@@ -121,15 +133,25 @@ impl<'a> Reader<'a> {
                     Some(count) => *count,
                     None => self.length()?,
                 };
-                // Every element has at least one byte (an empty message of ROS 1 has none, and costs budget): a length that
-                // lies is caught before it allocates.
+                // Every element has at least one byte (an empty message of ROS 1 has none, and
+                // costs budget): a length that lies is caught before it allocates.
                 if count > self.body.len().saturating_sub(self.at) {
-                    return Err(format!("an array of {count} elements in the {} bytes left", self.body.len().saturating_sub(self.at)));
+                    return Err(format!(
+                        "an array of {count} elements in the {} bytes left",
+                        self.body.len().saturating_sub(self.at)
+                    ));
                 }
                 match element.as_ref() {
-                    Type::Primitive(Primitive::UInt(1)) => Ok(Value::Bytes(Cow::Borrowed(self.take(count)?))),
-                    Type::Primitive(Primitive::Float(size)) => (0..count).map(|_| self.float(*size)).collect::<Result<_, _>>().map(Value::Numbers),
-                    Type::Primitive(p @ (Primitive::Bool | Primitive::Int(_) | Primitive::UInt(_))) => (0..count)
+                    Type::Primitive(Primitive::UInt(1)) => {
+                        Ok(Value::Bytes(Cow::Borrowed(self.take(count)?)))
+                    }
+                    Type::Primitive(Primitive::Float(size)) => (0..count)
+                        .map(|_| self.float(*size))
+                        .collect::<Result<_, _>>()
+                        .map(Value::Numbers),
+                    Type::Primitive(
+                        p @ (Primitive::Bool | Primitive::Int(_) | Primitive::UInt(_)),
+                    ) => (0..count)
                         .map(|_| match self.primitive(*p)? {
                             Value::Int(v) => Ok(v as f64),
                             Value::Bool(v) => Ok(f64::from(u8::from(v))),
@@ -137,7 +159,10 @@ impl<'a> Reader<'a> {
                         })
                         .collect::<Result<_, _>>()
                         .map(Value::Numbers),
-                    other => (0..count).map(|_| self.value(layout, other)).collect::<Result<_, _>>().map(Value::List),
+                    other => (0..count)
+                        .map(|_| self.value(layout, other))
+                        .collect::<Result<_, _>>()
+                        .map(Value::List),
                 }
             }
         }
@@ -149,7 +174,11 @@ impl<'a> Reader<'a> {
         if fields.is_empty() && self.aligned {
             self.take(1)?; // ROS 2 gives an empty message one unused byte
         }
-        fields.iter().map(|(name, kind)| Ok((name.clone(), self.value(layout, kind)?))).collect::<Result<_, String>>().map(Value::Record)
+        fields
+            .iter()
+            .map(|(name, kind)| Ok((name.clone(), self.value(layout, kind)?)))
+            .collect::<Result<_, String>>()
+            .map(Value::Record)
     }
 }
 
@@ -165,7 +194,10 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let layout = layout("std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n").expect("layout");
+        let layout = layout(
+            "std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n",
+        )
+        .expect("layout");
         let bytes = Writer::new(OutputWire::Cdr)
             .header(7, 9, "cam")
             .u8(3)
@@ -175,8 +207,14 @@ mod tests {
             .text("end")
             .finish();
         let value = read(&layout, &bytes).expect("value");
-        assert_eq!((value.integer("header.stamp.sec"), value.text("header.frame_id")), (Some(7), Some("cam")));
-        assert_eq!((value.numbers("v"), value.numbers("w")), (Some(vec![1.0, -2.0]), Some(vec![5.5])));
+        assert_eq!(
+            (value.integer("header.stamp.sec"), value.text("header.frame_id")),
+            (Some(7), Some("cam"))
+        );
+        assert_eq!(
+            (value.numbers("v"), value.numbers("w")),
+            (Some(vec![1.0, -2.0]), Some(vec![5.5]))
+        );
         assert_eq!((value.bytes("data"), value.text("s")), (Some(&[1u8, 2, 3][..]), Some("end")));
         for cut in 0..bytes.len() {
             assert!(read(&layout, &bytes[..cut]).is_err(), "cut at {cut}");

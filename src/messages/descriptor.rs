@@ -1,4 +1,5 @@
-//! Schemas of the protobuf messages that are written: a `FileDescriptorSet`, the message's file behind those of its parts.
+//! Schemas of the protobuf messages that are written: a `FileDescriptorSet`, the message's file
+//! behind those of its parts.
 
 use super::layout::{Primitive, Type};
 use super::ros_schema::{Dialect, parse};
@@ -35,7 +36,8 @@ pub enum Form {
 }
 
 impl Form {
-    /// `FieldDescriptorProto`: type, label (1 optional, 3 repeated), and the name of a message or enum.
+    /// `FieldDescriptorProto`: type, label (1 optional, 3 repeated), and the name of a message or
+    /// enum.
     fn in_descriptor(self, message: &str) -> (u32, u32, String) {
         match self {
             Self::Time => (11, 1, ".google.protobuf.Timestamp".into()),
@@ -83,8 +85,15 @@ fn file(full_name: &str, fields: &[(&str, u32, Form)]) -> Vec<u8> {
             Form::Time => dependencies.push(path_of(TIMESTAMP)),
             Form::Part(part) | Form::Parts(part) => dependencies.push(path_of(part.name)),
             Form::Choice(choice, words) => {
-                let word = |(number, word): (u32, &&str)| empty().text(word).at(2).u32(number).finish();
-                choices.push((0..).zip(*words).map(word).fold(empty().text(choice), |w, v| w.at(2).bytes(&v)).finish());
+                let word =
+                    |(number, word): (u32, &&str)| empty().text(word).at(2).u32(number).finish();
+                choices.push(
+                    (0..)
+                        .zip(*words)
+                        .map(word)
+                        .fold(empty().text(choice), |w, v| w.at(2).bytes(&v))
+                        .finish(),
+                );
             }
             _ => {}
         }
@@ -98,10 +107,20 @@ fn file(full_name: &str, fields: &[(&str, u32, Form)]) -> Vec<u8> {
 }
 
 /// A message and all it is made of, parts first, each once.
-fn files(name: &str, fields: &[(&str, u32, Form)], seen: &mut Vec<String>, found: &mut Vec<Vec<u8>>) {
+fn files(
+    name: &str,
+    fields: &[(&str, u32, Form)],
+    seen: &mut Vec<String>,
+    found: &mut Vec<Vec<u8>>,
+) {
     for (_, _, form) in fields {
         match form {
-            Form::Time => files(TIMESTAMP, &[("seconds", 1, Form::Int64), ("nanos", 2, Form::Int32)], seen, found),
+            Form::Time => files(
+                TIMESTAMP,
+                &[("seconds", 1, Form::Int64), ("nanos", 2, Form::Int32)],
+                seen,
+                found,
+            ),
             Form::Part(part) | Form::Parts(part) => files(part.name, part.fields, seen, found),
             _ => {}
         }
@@ -119,7 +138,8 @@ pub fn of(name: &str, fields: &[(&str, u32, Form)]) -> Vec<u8> {
     found.iter().fold(empty(), |w, f| w.at(1).bytes(f)).finish()
 }
 
-/// The schema of a message of ours by its ROS 2 definition: the header's two fields, then the others in their order.
+/// The schema of a message of ours by its ROS 2 definition: the header's two fields, then the
+/// others in their order.
 pub fn of_ros2(name: &str, schema: &str) -> Vec<u8> {
     let layout = parse(name, schema, Dialect::Ros2);
     debug_assert!(layout.is_ok(), "{name}: a schema of our own that does not parse");
@@ -132,7 +152,12 @@ pub fn of_ros2(name: &str, schema: &str) -> Vec<u8> {
         Type::Primitive(_) => Form::UInt32,
         Type::Array(..) => Form::Doubles,
     };
-    let others = root.iter().skip(1).zip(3..).map(|((field, kind), number)| (&**field, number, form(kind)));
-    let fields: Vec<(&str, u32, Form)> = [("timestamp", 1, Form::Time), ("frame_id", 2, Form::Text)].into_iter().chain(others).collect();
+    let others =
+        root.iter().skip(1).zip(3..).map(|((field, kind), number)| (&**field, number, form(kind)));
+    let fields: Vec<(&str, u32, Form)> =
+        [("timestamp", 1, Form::Time), ("frame_id", 2, Form::Text)]
+            .into_iter()
+            .chain(others)
+            .collect();
     of(name, &fields)
 }

@@ -1,8 +1,10 @@
-//! What all DVL messages have in common: which beams there are, when a range is none, slant or vertical.
+//! What all DVL messages have in common: which beams there are, when a range is none, slant or
+//! vertical.
 //!
-//! A file per shape says where its numbers are ([`Report`]); here they become a ping. The rig file wins over the
-//! message, the message's own directions over a known instrument's. Nothing is switched silently: what is assumed
-//! becomes a remark, and the message's own altitude is held against its ranges for the survey to judge.
+//! A file per shape says where its numbers are ([`Report`]); here they become a ping. The rig file
+//! wins over the message, the message's own directions over a known instrument's. Nothing is
+//! switched silently: what is assumed becomes a remark, and the message's own altitude is held
+//! against its ranges for the survey to judge.
 
 use nalgebra::Vector3;
 
@@ -46,12 +48,15 @@ pub struct Report<'r> {
 
 /// Reports over water have ranges to a layer of it, not to the seafloor.
 pub fn is_water_track(value: &Value<'_>) -> bool {
-    let says_water = |path: &str| value.text(path).is_some_and(|t| t.to_ascii_lowercase().contains("water"));
+    let says_water =
+        |path: &str| value.text(path).is_some_and(|t| t.to_ascii_lowercase().contains("water"));
     value.integer("velocity_mode") == Some(2)
         || value.integer("velocity_reference") == Some(1)
         || value.integer("target.type") == Some(2)
         || ["type", "target.type", "velocity_mode"].iter().any(|p| says_water(p))
-        || ["is_water_tracking", "dvl_velocity.is_water_tracking"].iter().any(|p| value.flag(p) == Some(true))
+        || ["is_water_tracking", "dvl_velocity.is_water_tracking"]
+            .iter()
+            .any(|p| value.flag(p) == Some(true))
 }
 
 /// A report that holds no bottom range at all.
@@ -61,7 +66,10 @@ pub fn nothing(why: &str) -> PingReading {
 
 /// The altitude a DVL message gives beside its beams.
 fn altitude(value: &Value<'_>) -> Option<f64> {
-    ["altitude", "avg_altitude", "report.altitude", "target.range.mean"].iter().find_map(|p| value.number(p)).filter(|a| a.is_finite() && *a > 0.0)
+    ["altitude", "avg_altitude", "report.altitude", "target.range.mean"]
+        .iter()
+        .find_map(|p| value.number(p))
+        .filter(|a| a.is_finite() && *a > 0.0)
 }
 
 /// Faster over the ground is a marker of "none" [m/s].
@@ -69,14 +77,22 @@ const FASTEST_M_PER_S: f64 = 10.0;
 
 /// The velocity over the ground that a DVL message gives beside its beams.
 fn velocity(value: &Value<'_>) -> Option<Vector3<f64>> {
-    let is_said_bad = ["velocity_valid", "valid", "bottom_lock"].iter().any(|p| value.flag(p) == Some(false));
+    let is_said_bad =
+        ["velocity_valid", "valid", "bottom_lock"].iter().any(|p| value.flag(p) == Some(false));
     let [x, y, z] = value.xyz("velocity").or_else(|| value.xyz("velocity.twist.linear"))?;
     let v = Vector3::new(x, y, z);
-    (!is_said_bad && v.iter().all(|c| c.is_finite() && *c != NORTEK_BAD_VELOCITY) && v.norm() < FASTEST_M_PER_S).then_some(v)
+    (!is_said_bad
+        && v.iter().all(|c| c.is_finite() && *c != NORTEK_BAD_VELOCITY)
+        && v.norm() < FASTEST_M_PER_S)
+        .then_some(v)
 }
 
 /// Geometry, units and the rig file's rules.
-pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<PingReading, String> {
+pub fn ping(
+    value: &Value<'_>,
+    facts: &DvlFacts,
+    report: Report<'_>,
+) -> Result<PingReading, String> {
     if is_water_track(value) {
         return Ok(nothing("water-track reports are left out"));
     }
@@ -85,13 +101,19 @@ pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<P
     if report.ranges.is_empty() {
         let altitude = altitude(value).map(|a| Altitude(a * scale));
         let remark = Some("the message lists no beams; its altitude is used".into());
-        return Ok(PingReading { ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }), remark, ..PingReading::default() });
+        return Ok(PingReading {
+            ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }),
+            remark,
+            ..PingReading::default()
+        });
     }
     let (directions, remark) = directions(report.directions, report.ranges.len(), facts)?;
-    let axis: Vector3<f64> = directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
+    let axis: Vector3<f64> =
+        directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
     let kind = facts.ranges.unwrap_or(report.kind);
     let good = |range: f64| {
-        let inside = range > facts.min_range_m.unwrap_or(0.0) && facts.max_range_m.is_none_or(|most| range < most);
+        let inside = range > facts.min_range_m.unwrap_or(0.0)
+            && facts.max_range_m.is_none_or(|most| range < most);
         let marker = facts.bad_values.as_ref().is_some_and(|bad| bad.contains(&range));
         range.is_finite() && range > 0.0 && inside && !marker
     };
@@ -102,30 +124,41 @@ pub fn ping(value: &Value<'_>, facts: &DvlFacts, report: Report<'_>) -> Result<P
     });
     let beams: Vec<Beam> = beams.collect();
     let all: Option<Vec<f64>> = sent.iter().copied().collect();
-    let mean_cosine = directions.iter().map(|d| d.vector().dot(&axis)).sum::<f64>() / directions.len().max(1) as f64;
-    let height = all.filter(|r| r.len() >= 3).zip(altitude(value)).map(|(ranges, altitude)| HeightCheck {
-        ratio: altitude * ranges.len() as f64 / ranges.iter().sum::<f64>(),
-        cosine: mean_cosine,
-        kind,
-    });
-    Ok(PingReading { ping: Some(Ping { stamp, beams, altitude: None, velocity_m_per_s: velocity(value) }), remark, height, pixels: None })
+    let mean_cosine = directions.iter().map(|d| d.vector().dot(&axis)).sum::<f64>()
+        / directions.len().max(1) as f64;
+    let height =
+        all.filter(|r| r.len() >= 3).zip(altitude(value)).map(|(ranges, altitude)| HeightCheck {
+            ratio: altitude * ranges.len() as f64 / ranges.iter().sum::<f64>(),
+            cosine: mean_cosine,
+            kind,
+        });
+    Ok(PingReading {
+        ping: Some(Ping { stamp, beams, altitude: None, velocity_m_per_s: velocity(value) }),
+        remark,
+        height,
+        pixels: None,
+    })
 }
 
 /// The beams the rig file names, if it does.
 pub fn array(facts: &DvlFacts) -> Result<Option<JanusArray>, String> {
     if let Some(name) = &facts.beams {
         let known = || JanusArray::KNOWN.iter().map(|k| k.0).collect::<Vec<_>>().join(", ");
-        return JanusArray::named(name).map(Some).ok_or_else(|| format!("rig file: dvl.beams = {name:?} is not one of {}", known()));
+        return JanusArray::named(name)
+            .map(Some)
+            .ok_or_else(|| format!("rig file: dvl.beams = {name:?} is not one of {}", known()));
     }
     match (facts.janus_angle_deg, &facts.azimuths_deg) {
-        (Some(janus_angle_deg), Some(azimuths)) => Ok(Some(JanusArray { janus_angle_deg, azimuths_deg: azimuths.clone() })),
+        (Some(janus_angle_deg), Some(azimuths)) => {
+            Ok(Some(JanusArray { janus_angle_deg, azimuths_deg: azimuths.clone() }))
+        }
         (None, None) => Ok(None),
         _ => Err("rig file: dvl.janus_angle_deg and dvl.azimuths_deg belong together".into()),
     }
 }
 
-/// As many directions as there are beams; one beam more than an array has azimuths looks along the axis, as the fifth
-/// of every five-beam instrument does.
+/// As many directions as there are beams; one beam more than an array has azimuths looks along the
+/// axis, as the fifth of every five-beam instrument does.
 fn spread(array: &JanusArray, beams: usize) -> Result<Vec<Direction<Dvl>>, String> {
     let mut directions = array.directions();
     if beams == directions.len() + 1 {
@@ -133,42 +166,58 @@ fn spread(array: &JanusArray, beams: usize) -> Result<Vec<Direction<Dvl>>, Strin
     }
     if directions.len() != beams {
         return Err(format!(
-            "the message has {beams} beams, the instrument {}; name its beams in rig.toml: [dvl] janus_angle_deg, azimuths_deg",
+            "the message has {beams} beams, the instrument {}; name its beams in rig.toml: [dvl] \
+             janus_angle_deg, azimuths_deg",
             directions.len()
         ));
     }
     Ok(directions)
 }
 
-/// Where the beams look: the rig file's word, else the message's if it is sane, else what is known of the shape.
-fn directions(said: Directions<'_>, beams: usize, facts: &DvlFacts) -> Result<(Vec<Direction<Dvl>>, Option<String>), String> {
+/// Where the beams look: the rig file's word, else the message's if it is sane, else what is known
+/// of the shape.
+fn directions(
+    said: Directions<'_>,
+    beams: usize,
+    facts: &DvlFacts,
+) -> Result<(Vec<Direction<Dvl>>, Option<String>), String> {
     if let Directions::Exact(directions) = said {
         return Ok((directions, None));
     }
     if let Some(array) = array(facts)? {
         return Ok((spread(&array, beams)?, None));
     }
-    let named = |name: &str| JanusArray::named(name).ok_or_else(|| format!("{name} is no instrument"));
+    let named =
+        |name: &str| JanusArray::named(name).ok_or_else(|| format!("{name} is no instrument"));
     match said {
         Directions::Exact(directions) => Ok((directions, None)),
         Directions::Vectors(vectors) => sane(&vectors),
         Directions::Assumed(name) => {
             let array = named(name)?;
-            let remark = format!("the message has no beam directions; taken as {name} ({}°)", array.janus_angle_deg);
+            let remark = format!(
+                "the message has no beam directions; taken as {name} ({}°)",
+                array.janus_angle_deg
+            );
             Ok((spread(&array, beams)?, Some(remark)))
         }
         Directions::Angle(janus_angle_deg, name) => {
             let array = JanusArray { janus_angle_deg, ..named(name)? };
-            let remark = format!("the message gives the beams' angle ({janus_angle_deg}°) and not their azimuths; those of {name} are taken");
+            let remark = format!(
+                "the message gives the beams' angle ({janus_angle_deg}°) and not their azimuths; \
+                 those of {name} are taken"
+            );
             Ok((spread(&array, beams)?, Some(remark)))
         }
-        Directions::Unknown => Err("the message has no beam directions; name the instrument in rig.toml: [dvl] beams = \"waterlinked-a50\"".into()),
+        Directions::Unknown => Err("the message has no beam directions; name the instrument in \
+                                    rig.toml: [dvl] beams = \"waterlinked-a50\""
+            .into()),
     }
 }
 
 /// Vectors that are believed, or mended where the fault is known.
 fn sane(vectors: &[Vector3<f64>]) -> Result<(Vec<Direction<Dvl>>, Option<String>), String> {
-    let off_axis_deg = |v: &Vector3<f64>| (v.z.abs() / v.norm()).clamp(0.0, 1.0).acos().to_degrees();
+    let off_axis_deg =
+        |v: &Vector3<f64>| (v.z.abs() / v.norm()).clamp(0.0, 1.0).acos().to_degrees();
     let unit = vectors.len() >= 3 && vectors.iter().all(|v| (v.norm() - 1.0).abs() < 0.02);
     let one_side = vectors.iter().all(|v| v.z > 0.0) || vectors.iter().all(|v| v.z < 0.0);
     if unit && one_side && evenly_spread(vectors) {
@@ -177,13 +226,20 @@ fn sane(vectors: &[Vector3<f64>]) -> Result<(Vec<Direction<Dvl>>, Option<String>
         }
         if vectors.iter().all(|v| SANE_JANUS_DEG.contains(&(90.0 - off_axis_deg(v)))) {
             let azimuths_deg = vectors.iter().map(|v| v.y.atan2(v.x).to_degrees()).collect();
-            let janus_angle_deg = 90.0 - vectors.iter().map(off_axis_deg).sum::<f64>() / vectors.len() as f64;
-            let remark =
-                format!("beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); taken as {janus_angle_deg:.1}°", 90.0 - janus_angle_deg);
+            let janus_angle_deg =
+                90.0 - vectors.iter().map(off_axis_deg).sum::<f64>() / vectors.len() as f64;
+            let remark = format!(
+                "beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); taken as \
+                 {janus_angle_deg:.1}°",
+                90.0 - janus_angle_deg
+            );
             return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(remark)));
         }
     }
-    Err("the beam vectors are not usable (zero, not of unit length, not 12 to 35° off the axis, or not spread around it); name the instrument in rig.toml: [dvl] beams = \"waterlinked-a50\"".into())
+    Err("the beam vectors are not usable (zero, not of unit length, not 12 to 35° off the axis, \
+         or not spread around it); name the instrument in rig.toml: [dvl] beams = \
+         \"waterlinked-a50\""
+        .into())
 }
 
 /// Whether the azimuths about z are about evenly spaced.
@@ -202,11 +258,18 @@ mod tests {
     #[test]
     fn swapped_vectors_are_mended_and_senseless_ones_refused() {
         let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
-        let swapped: Vec<_> = corners.iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
+        let swapped: Vec<_> =
+            corners.iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
         let (directions, remark) = sane(&swapped).expect("mended");
-        assert!((directions[0].vector() - Vector3::new(0.2706, 0.2706, 0.9239)).norm() < 1e-3 && remark.is_some());
+        assert!(
+            (directions[0].vector() - Vector3::new(0.2706, 0.2706, 0.9239)).norm() < 1e-3
+                && remark.is_some()
+        );
         assert!(sane(&[Vector3::zeros(); 4]).is_err());
-        assert!(sane(&[Vector3::new(0.2706, 0.2706, 0.9239); 4]).is_err(), "four times the same beam");
+        assert!(
+            sane(&[Vector3::new(0.2706, 0.2706, 0.9239); 4]).is_err(),
+            "four times the same beam"
+        );
     }
 
     #[test]

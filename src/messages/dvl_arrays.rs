@@ -1,6 +1,8 @@
-//! DVL messages with an array of ranges and no vectors. Most are vertical: slant × cos of the beam angle.
+//! DVL messages with an array of ranges and no vectors. Most are vertical: slant × cos of the beam
+//! angle.
 //!
-//! Names are compared without case and underscores: `altitudeBeam` of ROS 1 is `altitudebeam` of the ROS 2 port.
+//! Names are compared without case and underscores: `altitudeBeam` of ROS 1 is `altitudebeam` of
+//! the ROS 2 port.
 
 use super::dvl::{self, Directions, NORTEK_BAD_FOM, NORTEK_BAD_VELOCITY, Report};
 use super::layout::{Layout, Type};
@@ -19,12 +21,17 @@ struct Shape {
 
 #[rustfmt::skip]
 const SHAPES: &[Shape] = &[
-    Shape { field: "altitude_beam",     kind: RangeKind::Vertical, instrument: Some("linkquest-22") },   // LinkquestDvl
-    Shape { field: "dist_beam",         kind: RangeKind::Vertical, instrument: Some("nortek-25") },      // NortekDF21
-    Shape { field: "vertical_distance", kind: RangeKind::Vertical, instrument: Some("nortek-25") },      // nortek_dvl/ButtomTrack
-    Shape { field: "beam_distance",     kind: RangeKind::Slant,    instrument: Some("nortek-nucleus") }, // Nucleus1000_bottomtrack
+    // LinkquestDvl
+    Shape { field: "altitude_beam",     kind: RangeKind::Vertical, instrument: Some("linkquest-22") },
+    // NortekDF21
+    Shape { field: "dist_beam",         kind: RangeKind::Vertical, instrument: Some("nortek-25") },
+    // nortek_dvl/ButtomTrack
+    Shape { field: "vertical_distance", kind: RangeKind::Vertical, instrument: Some("nortek-25") },
+    // Nucleus1000_bottomtrack
+    Shape { field: "beam_distance",     kind: RangeKind::Slant,    instrument: Some("nortek-nucleus") },
     Shape { field: "beam_ranges",       kind: RangeKind::Slant,    instrument: None },
-    Shape { field: "range",             kind: RangeKind::Slant,    instrument: None },                   // holoocean, RdiPD0
+    // holoocean, RdiPD0
+    Shape { field: "range",             kind: RangeKind::Slant,    instrument: None },
     Shape { field: "ranges",            kind: RangeKind::Slant,    instrument: None },
 ];
 
@@ -56,10 +63,13 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         return Err(format!("{} ranges are not a DVL's", sent.len()));
     }
     let per_beam = |field: &str| value.numbers(field).filter(|v| v.len() == sent.len());
-    let (good, velocities, merits) = (per_beam("data_good"), per_beam("vel_beam"), per_beam("fom_beam"));
+    let (good, velocities, merits) =
+        (per_beam("data_good"), per_beam("vel_beam"), per_beam("fom_beam"));
     let whole = ["data_valid", "dist_valid"].iter().find_map(|f| value.flag(f)).unwrap_or(true);
     let lost = |i: usize| {
-        let is = |list: &Option<Vec<f64>>, bad: f64| list.as_ref().is_some_and(|v| (v[i] - bad).abs() < 1e-3);
+        let is = |list: &Option<Vec<f64>>, bad: f64| {
+            list.as_ref().is_some_and(|v| (v[i] - bad).abs() < 1e-3)
+        };
         is(&good, 0.0) || is(&velocities, NORTEK_BAD_VELOCITY) || is(&merits, NORTEK_BAD_FOM)
     };
     let ranges = sent.iter().enumerate().map(|(i, r)| (whole && !lost(i)).then_some(*r)).collect();

@@ -1,4 +1,5 @@
-//! `ds_sensor_msgs/Ranges3D`: every beam's hit as a point in the instrument's frame, the best form there is.
+//! `ds_sensor_msgs/Ranges3D`: every beam's hit as a point in the instrument's frame, the best form
+//! there is.
 
 use nalgebra::Vector3;
 
@@ -20,7 +21,9 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     for beam in list {
         let point = Vector3::from(beam.xyz("range.point").ok_or_else(|| missing("range.point"))?);
         // A beam at the origin has no direction; it is one that did not come back.
-        if let Some(direction) = Direction::from_vector(point).filter(|_| point.iter().all(|v| v.is_finite())) {
+        if let Some(direction) =
+            Direction::from_vector(point).filter(|_| point.iter().all(|v| v.is_finite()))
+        {
             ranges.push((beam.integer("range_validity") != Some(LOW)).then_some(point.norm()));
             directions.push(direction);
         }
@@ -29,9 +32,14 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         return Ok(dvl::nothing("some reports have no beams"));
     }
     let slant = DvlFacts { ranges: Some(RangeKind::Slant), ..facts.clone() };
-    let mut reading = dvl::ping(value, &slant, Report { ranges, kind: RangeKind::Slant, directions: Directions::Exact(directions) })?;
+    let mut reading = dvl::ping(
+        value,
+        &slant,
+        Report { ranges, kind: RangeKind::Slant, directions: Directions::Exact(directions) },
+    )?;
     if value.get("header").is_none()
-        && let Some((ping, first)) = reading.ping.as_mut().zip(list.first().and_then(|b| b.get("range")))
+        && let Some((ping, first)) =
+            reading.ping.as_mut().zip(list.first().and_then(|b| b.get("range")))
     {
         ping.stamp = super::heading(first).stamp.unwrap_or(ping.stamp);
     }

@@ -1,9 +1,9 @@
 //! `marine_acoustic_msgs/Dvl` and its family: `range[4]` along `beam_unit_vec[4]`, slant.
 //!
-//! Definition: apl-ocean-engineering/marine_msgs. There is no flag per beam: 0, negative, NaN and infinite mean
-//! lost. The vectors are checked before they are believed: two public drivers write sine and cosine swapped
-//! (67.5° off the axis for a 22.5° instrument), a bridge leaves them zero, WHOI's point along −z (z up) and its
-//! good ranges are above 0.25 m.
+//! Definition: apl-ocean-engineering/marine_msgs. There is no flag per beam: 0, negative, NaN and
+//! infinite mean lost. The vectors are checked before they are believed: two public drivers write
+//! sine and cosine swapped (67.5° off the axis for a 22.5° instrument), a bridge leaves them zero,
+//! WHOI's point along −z (z up) and its good ranges are above 0.25 m.
 
 use nalgebra::Vector3;
 
@@ -21,9 +21,16 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
     let ranges = value.numbers("range").ok_or_else(|| missing("range"))?;
     let vectors = value.list("beam_unit_vec").unwrap_or(&[]);
-    let vectors: Vec<_> = vectors.iter().filter_map(|v| Some(Vector3::new(v.number("x")?, v.number("y")?, v.number("z")?))).collect();
+    let vectors: Vec<_> = vectors
+        .iter()
+        .filter_map(|v| Some(Vector3::new(v.number("x")?, v.number("y")?, v.number("z")?)))
+        .collect();
     let usable = value.flag("beam_ranges_valid").unwrap_or(true);
     let least = if value.get("ds_header").is_some() { WHOI_LEAST_M } else { 0.0 };
     let ranges = ranges.into_iter().map(|r| (usable && r > least).then_some(r)).collect();
-    dvl::ping(value, facts, Report { ranges, kind: RangeKind::Slant, directions: Directions::Vectors(vectors) })
+    dvl::ping(
+        value,
+        facts,
+        Report { ranges, kind: RangeKind::Slant, directions: Directions::Vectors(vectors) },
+    )
 }

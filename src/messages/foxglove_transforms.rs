@@ -5,11 +5,14 @@ use nalgebra::Vector3;
 use super::{Edge, Value, attitude, layout::Layout, missing};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
-    ["", "transforms."].iter().any(|p| layout.has(&format!("{p}parent_frame_id")) && layout.has(&format!("{p}child_frame_id")))
+    ["", "transforms."].iter().any(|p| {
+        layout.has(&format!("{p}parent_frame_id")) && layout.has(&format!("{p}child_frame_id"))
+    })
 }
 
 pub fn decode(value: &Value<'_>) -> Result<Vec<Edge>, String> {
-    let name = |v: &Value<'_>, path: &str| v.text(path).map(String::from).ok_or_else(|| missing(path));
+    let name =
+        |v: &Value<'_>, path: &str| v.text(path).map(String::from).ok_or_else(|| missing(path));
     let edge = |v: &Value<'_>| {
         let t = v.xyz("translation").ok_or_else(|| missing("translation"))?;
         let q = v.xyzw("rotation").and_then(attitude).ok_or("a transform without a rotation")?;

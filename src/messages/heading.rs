@@ -13,24 +13,43 @@ pub struct Heading {
 }
 
 /// Where times are: ROS, Foxglove and Blueye, Gazebo, bare, the Nucleus driver, WHOI.
-const STAMPS: &[&str] = &["header.stamp", "timestamp", "stamp", "header.timestamp", "system_timestamp", "ds_header.io_time"];
+const STAMPS: &[&str] = &[
+    "header.stamp",
+    "timestamp",
+    "stamp",
+    "header.timestamp",
+    "system_timestamp",
+    "ds_header.io_time",
+];
 
 /// Stamp and frame of any message with a header.
 pub fn heading(value: &Value<'_>) -> Heading {
-    let frame_id = value.text("header.frame_id").or_else(|| value.text("frame_id")).or_else(|| gazebo_frame(value)).unwrap_or("");
-    Heading { stamp: STAMPS.iter().find_map(|path| stamp(value.get(path)?)), frame_id: frame_id.trim_start_matches('/').into() }
+    let frame_id = value
+        .text("header.frame_id")
+        .or_else(|| value.text("frame_id"))
+        .or_else(|| gazebo_frame(value))
+        .unwrap_or("");
+    Heading {
+        stamp: STAMPS.iter().find_map(|path| stamp(value.get(path)?)),
+        frame_id: frame_id.trim_start_matches('/').into(),
+    }
 }
 
 /// The frame whose attitude an attitude message gives: an odometry's child, else the header's.
 pub fn attitude_frame(value: &Value<'_>) -> String {
-    value.text("child_frame_id").map_or_else(|| heading(value).frame_id, |s| s.trim_start_matches('/').into())
+    value
+        .text("child_frame_id")
+        .map_or_else(|| heading(value).frame_id, |s| s.trim_start_matches('/').into())
 }
 
 fn stamp(time: &Value<'_>) -> Option<Stamp> {
     let nanos = match time {
         Value::Record(_) => {
             let seconds = ["sec", "secs", "seconds"].iter().find_map(|f| time.integer(f))?;
-            let nanos = ["nanosec", "nsec", "nsecs", "nanos", "nanoseconds"].iter().find_map(|f| time.integer(f)).unwrap_or(0);
+            let nanos = ["nanosec", "nsec", "nsecs", "nanos", "nanoseconds"]
+                .iter()
+                .find_map(|f| time.integer(f))
+                .unwrap_or(0);
             Stamp::from_sec_nanos(seconds, nanos).0
         }
         // A bare number: its size says in which unit it counts since 1970.
@@ -43,7 +62,8 @@ fn stamp(time: &Value<'_>) -> Option<Stamp> {
         },
         // protobuf's JSON
         Value::Text(v) => {
-            let since = humantime::parse_rfc3339(v).ok()?.duration_since(std::time::UNIX_EPOCH).ok()?;
+            let since =
+                humantime::parse_rfc3339(v).ok()?.duration_since(std::time::UNIX_EPOCH).ok()?;
             i64::try_from(since.as_nanos()).ok()?
         }
         Value::Float(v) if (1e8..1e11).contains(v) => (v * 1e9) as i64,

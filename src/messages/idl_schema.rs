@@ -1,7 +1,8 @@
 //! `ros2idl` and `omgidl` schema text → the layout of a message on the wire (CDR).
 //!
-//! The subset that ROS 2 generates and people write for DDS: modules, structs, enums, typedefs, constants as sizes,
-//! sequences, bounded strings, arrays. Annotations and preprocessor lines are passed over; a union is refused where it is used.
+//! The subset that ROS 2 generates and people write for DDS: modules, structs, enums, typedefs,
+//! constants as sizes, sequences, bounded strings, arrays. Annotations and preprocessor lines are
+//! passed over; a union is refused where it is used.
 
 use std::collections::BTreeMap;
 
@@ -17,11 +18,16 @@ pub fn parse(name: &str, text: &str) -> Result<Layout, String> {
     let Parser { mut structs, .. } = parser;
     let second = || [("sec", Primitive::Int(4)), ("nanosec", Primitive::UInt(4))];
     for known in ["builtin_interfaces::msg::Time", "builtin_interfaces::msg::Duration"] {
-        let fields = second().map(|(name, p)| WrittenField { name: name.into(), kind: Written::Primitive(p) });
+        let fields = second()
+            .map(|(name, p)| WrittenField { name: name.into(), kind: Written::Primitive(p) });
         structs.entry(known.into()).or_insert_with(|| fields.to_vec());
     }
     let root = name.replace('/', "::");
-    let root = if structs.contains_key(&root) { root } else { structs.keys().find(|k| last(k) == last(&root)).cloned().unwrap_or(root) };
+    let root = if structs.contains_key(&root) {
+        root
+    } else {
+        structs.keys().find(|k| last(k) == last(&root)).cloned().unwrap_or(root)
+    };
     Ok(build(&structs, &root, &|base, scope| in_scope(base, scope, &structs))?.0)
 }
 
@@ -43,7 +49,8 @@ fn in_scope<T>(base: &str, scope: &str, known: &BTreeMap<String, T>) -> Option<S
     let base = base.trim_start_matches("::");
     let mut scope = scope;
     loop {
-        let candidate = if scope.is_empty() { base.to_string() } else { format!("{scope}::{base}") };
+        let candidate =
+            if scope.is_empty() { base.to_string() } else { format!("{scope}::{base}") };
         if known.contains_key(&candidate) {
             return Some(candidate);
         }
@@ -60,7 +67,11 @@ fn words(text: &str) -> Vec<String> {
     let mut in_comment = false;
     for line in text.lines() {
         let trimmed = line.trim_start();
-        if !in_comment && (trimmed.starts_with('#') || trimmed.starts_with("IDL:") || trimmed.starts_with("===")) {
+        if !in_comment
+            && (trimmed.starts_with('#')
+                || trimmed.starts_with("IDL:")
+                || trimmed.starts_with("==="))
+        {
             continue;
         }
         let mut rest = line;
@@ -133,7 +144,11 @@ impl Parser {
 
     fn expect(&mut self, word: &str) -> Result<(), String> {
         let found = self.next()?;
-        if found == word { Ok(()) } else { Err(format!("the IDL schema has {found:?} where {word:?} belongs")) }
+        if found == word {
+            Ok(())
+        } else {
+            Err(format!("the IDL schema has {found:?} where {word:?} belongs"))
+        }
     }
 
     fn full(&self, name: &str) -> String {
@@ -179,7 +194,9 @@ impl Parser {
                 }
                 "union" | "interface" | "bitmask" | "bitset" => self.skip_until("}")?,
                 ";" => {}
-                other => return Err(format!("the IDL schema has {other:?} where a definition belongs")),
+                other => {
+                    return Err(format!("the IDL schema has {other:?} where a definition belongs"));
+                }
             }
         }
         Ok(())
@@ -230,7 +247,11 @@ impl Parser {
                 continue;
             }
             let kind = self.kind()?;
-            fields.extend(self.declarators(&kind)?.into_iter().map(|(name, kind)| WrittenField { name, kind }));
+            fields.extend(
+                self.declarators(&kind)?
+                    .into_iter()
+                    .map(|(name, kind)| WrittenField { name, kind }),
+            );
         }
         let full = self.full(&name);
         self.structs.insert(full, fields);
@@ -251,7 +272,10 @@ impl Parser {
             if arrays(kind) + sizes.len() > MOST_NESTED {
                 return Err(format!("the IDL schema nests more than {MOST_NESTED} arrays"));
             }
-            let kind = sizes.into_iter().rev().fold(kind.clone(), |inner, size| Written::Array(Box::new(inner), Some(size)));
+            let kind = sizes
+                .into_iter()
+                .rev()
+                .fold(kind.clone(), |inner, size| Written::Array(Box::new(inner), Some(size)));
             found.push((name, kind));
             if !self.accept(",") {
                 self.expect(";")?;
@@ -262,8 +286,14 @@ impl Parser {
 
     fn size(&mut self) -> Result<usize, String> {
         let word = self.next()?;
-        let constant = || in_scope(&word, &self.scope.join("::"), &self.constants).and_then(|n| self.constants.get(&n).copied());
-        word.parse().ok().or_else(constant).ok_or_else(|| format!("the IDL schema has the size {word:?}"))
+        let constant = || {
+            in_scope(&word, &self.scope.join("::"), &self.constants)
+                .and_then(|n| self.constants.get(&n).copied())
+        };
+        word.parse()
+            .ok()
+            .or_else(constant)
+            .ok_or_else(|| format!("the IDL schema has the size {word:?}"))
     }
 
     fn bound(&mut self) -> Result<(), String> {
@@ -296,7 +326,9 @@ impl Parser {
             "uint64" => Some(Primitive::UInt(8)),
             "float" => Some(Primitive::Float(4)),
             "double" => Some(Primitive::Float(8)),
-            "long" if self.accept("double") => return Err("the IDL schema has a long double; that is not read".into()),
+            "long" if self.accept("double") => {
+                return Err("the IDL schema has a long double; that is not read".into());
+            }
             "long" => Some(Primitive::Int(if self.accept("long") { 8 } else { 4 })),
             "unsigned" => Some(match self.next()?.as_str() {
                 "short" => Primitive::UInt(2),
@@ -311,7 +343,9 @@ impl Parser {
         let scope = self.scope.join("::");
         let mut kind = match primitive {
             Some(p) => Written::Primitive(p),
-            None => in_scope(&word, &scope, &self.aliases).and_then(|full| self.aliases.get(&full).cloned()).unwrap_or(Written::Named(word)),
+            None => in_scope(&word, &scope, &self.aliases)
+                .and_then(|full| self.aliases.get(&full).cloned())
+                .unwrap_or(Written::Named(word)),
         };
         for _ in 0..sequences {
             if self.accept(",") {
@@ -331,17 +365,33 @@ mod tests {
 
     #[test]
     fn what_ros_generates_is_read() {
-        let text = "================\nIDL: p/msg/Dvl\n// made\n#include \"p/msg/Beam.idl\"\nmodule p { module msg {\n  typedef double double__3[3];\n  module Dvl_Constants { const uint8 MODE = 1; };\n  /* a\n  dvl */ @verbatim (language=\"comment\", text=\"a (b)\" \"c\")\n  struct Dvl {\n    @unit(value=\"m\") sequence<p::msg::Beam, 8> beams;\n    double__3 v, w;\n    unsigned long long time;\n    string<12> form;\n    octet raw[4];\n  };\n}; };\n================\nIDL: p/msg/Beam\nmodule p { module msg { struct Beam { double distance; boolean valid; }; }; };\n";
+        let text = "================\nIDL: p/msg/Dvl\n// made\n#include \
+                    \"p/msg/Beam.idl\"\nmodule p { module msg {\n  typedef double double__3[3];\n  \
+                    module Dvl_Constants { const uint8 MODE = 1; };\n  /* a\n  dvl */ @verbatim \
+                    (language=\"comment\", text=\"a (b)\" \"c\")\n  struct Dvl {\n    \
+                    @unit(value=\"m\") sequence<p::msg::Beam, 8> beams;\n    double__3 v, w;\n    \
+                    unsigned long long time;\n    string<12> form;\n    octet raw[4];\n  };\n}; \
+                    };\n================\nIDL: p/msg/Beam\nmodule p { module msg { struct Beam { \
+                    double distance; boolean valid; }; }; };\n";
         let layout = parse("p/msg/Dvl", text).expect("a layout");
         assert!(layout.has_all(&["beams.distance", "beams.valid", "time", "form"]));
         let three = Type::Array(Box::new(Type::Primitive(Primitive::Float(8))), Some(3));
         assert_eq!((layout.type_at("v"), layout.type_at("w")), (Some(&three), Some(&three)));
-        assert_eq!(layout.type_at("raw"), Some(&Type::Array(Box::new(Type::Primitive(Primitive::UInt(1))), Some(4))));
+        assert_eq!(
+            layout.type_at("raw"),
+            Some(&Type::Array(Box::new(Type::Primitive(Primitive::UInt(1))), Some(4)))
+        );
     }
 
     #[test]
     fn text_without_sense_is_refused() {
-        for text in ["struct A { A a; };", "struct A { sequence<", "module", "struct A { B b; };", "struct A : B { };"] {
+        for text in [
+            "struct A { A a; };",
+            "struct A { sequence<",
+            "module",
+            "struct A { B b; };",
+            "struct A : B { };",
+        ] {
             assert!(parse("A", text).is_err(), "{text}");
         }
     }

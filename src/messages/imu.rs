@@ -1,4 +1,5 @@
-//! `sensor_msgs/Imu`: attitude. orientation_covariance\[0\] = −1 or an all-zero quaternion says there is none.
+//! `sensor_msgs/Imu`: attitude. orientation_covariance\[0\] = −1 or an all-zero quaternion says
+//! there is none.
 
 use nalgebra::UnitQuaternion;
 

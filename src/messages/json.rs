@@ -1,6 +1,8 @@
-//! JSON messages: with a JSON Schema, or with none at all; then the first message says what shape they have.
+//! JSON messages: with a JSON Schema, or with none at all; then the first message says what shape
+//! they have.
 //!
-//! `data` as base64 (Foxglove's schemas say so with `contentEncoding`) or as a list of bytes becomes bytes.
+//! `data` as base64 (Foxglove's schemas say so with `contentEncoding`) or as a list of bytes
+//! becomes bytes.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -17,8 +19,10 @@ use super::value::Value;
 /// # Errors
 /// A sentence: no JSON, a `$ref` that leads nowhere, a type that holds itself.
 pub fn parse_schema(text: &[u8]) -> Result<Layout, String> {
-    let schema: Json = serde_json::from_slice(text).map_err(|e| format!("the JSON schema cannot be parsed: {e}"))?;
-    let mut reader = SchemaReader { root: &schema, open: Vec::new(), records: Vec::new(), depth: 0 };
+    let schema: Json = serde_json::from_slice(text)
+        .map_err(|e| format!("the JSON schema cannot be parsed: {e}"))?;
+    let mut reader =
+        SchemaReader { root: &schema, open: Vec::new(), records: Vec::new(), depth: 0 };
     let root = reader.fields(&schema)?;
     reader.records.push(root);
     Ok(Layout { records: reader.records })
@@ -54,8 +58,13 @@ impl<'s> SchemaReader<'s> {
             if self.open.iter().any(|o| o == target) {
                 return Err(format!("the schema's type {target} holds itself"));
             }
-            let path = target.strip_prefix('#').ok_or_else(|| format!("the JSON schema refers to {target}, which is not in it"))?;
-            schema = self.root.pointer(path).ok_or_else(|| format!("the JSON schema refers to {target}, which is not in it"))?;
+            let path = target
+                .strip_prefix('#')
+                .ok_or_else(|| format!("the JSON schema refers to {target}, which is not in it"))?;
+            schema = self
+                .root
+                .pointer(path)
+                .ok_or_else(|| format!("the JSON schema refers to {target}, which is not in it"))?;
             self.open.push(target.into());
             opened += 1;
         }
@@ -80,7 +89,9 @@ impl<'s> SchemaReader<'s> {
             Some("number") => Some(Type::Primitive(Primitive::Float(8))),
             Some("string") if followed["contentEncoding"] == "base64" => Some(Type::bytes()),
             Some("string") => Some(Type::Primitive(Primitive::Text)),
-            Some("array") => self.kind(&followed["items"])?.map(|element| Type::Array(Box::new(element), None)),
+            Some("array") => {
+                self.kind(&followed["items"])?.map(|element| Type::Array(Box::new(element), None))
+            }
             _ if followed["properties"].is_object() => {
                 let fields = self.fields(followed)?;
                 self.records.push(fields);
@@ -108,11 +119,13 @@ pub fn layout_of(message: &[u8]) -> Result<Layout, String> {
             Value::Bytes(_) => Type::bytes(),
             Value::Numbers(_) => Type::Array(Box::new(Type::Primitive(Primitive::Float(8))), None),
             Value::List(values) => {
-                let element = values.first().map_or(Type::Primitive(Primitive::Text), |v| kind(v, records));
+                let element =
+                    values.first().map_or(Type::Primitive(Primitive::Text), |v| kind(v, records));
                 Type::Array(Box::new(element), None)
             }
             Value::Record(fields) => {
-                let fields = fields.iter().map(|(name, v)| (name.clone(), kind(v, records))).collect();
+                let fields =
+                    fields.iter().map(|(name, v)| (name.clone(), kind(v, records))).collect();
                 records.push(fields);
                 Type::Record(records.len() - 1)
             }
@@ -130,7 +143,8 @@ pub fn layout_of(message: &[u8]) -> Result<Layout, String> {
 /// It is no JSON object.
 pub fn read<'a>(layout: Option<&Layout>, message: &'a [u8]) -> Result<Value<'a>, String> {
     // serde_json refuses more than 128 levels.
-    let json: Json = serde_json::from_slice(message).map_err(|e| format!("the message is no JSON: {e}"))?;
+    let json: Json =
+        serde_json::from_slice(message).map_err(|e| format!("the message is no JSON: {e}"))?;
     if !json.is_object() {
         return Err("the message is no JSON object".into());
     }
@@ -140,8 +154,11 @@ pub fn read<'a>(layout: Option<&Layout>, message: &'a [u8]) -> Result<Value<'a>,
 
 /// `None` for null: the field is absent then.
 fn value<'a>(json: Json, kind: Option<(&Layout, &Type)>, name: &str) -> Option<Value<'a>> {
-    let element = kind.and_then(|(layout, kind)| if let Type::Array(element, _) = kind { Some((layout, element.as_ref())) } else { None });
-    let is_bytes = element.is_some_and(|(_, e)| *e == Type::Primitive(Primitive::UInt(1))) || kind.is_none() && name == "data";
+    let element = kind.and_then(|(layout, kind)| {
+        if let Type::Array(element, _) = kind { Some((layout, element.as_ref())) } else { None }
+    });
+    let is_bytes = element.is_some_and(|(_, e)| *e == Type::Primitive(Primitive::UInt(1)))
+        || kind.is_none() && name == "data";
     Some(match json {
         Json::Null => return None,
         Json::Bool(v) => Value::Bool(v),
@@ -165,10 +182,25 @@ fn value<'a>(json: Json, kind: Option<(&Layout, &Type)>, name: &str) -> Option<V
             }
         }
         Json::Object(map) => {
-            let fields =
-                kind.and_then(|(layout, kind)| if let Type::Record(index) = kind { Some((layout, layout.records.get(*index)?)) } else { None });
-            let of_field = |name: &str| fields.and_then(|(layout, f)| Some((layout, &f.iter().find(|(n, _)| **n == *name)?.1)));
-            Value::Record(map.into_iter().filter_map(|(name, v)| Some((Arc::from(name.as_str()), value(v, of_field(&name), &name)?))).collect())
+            let fields = kind.and_then(|(layout, kind)| {
+                if let Type::Record(index) = kind {
+                    Some((layout, layout.records.get(*index)?))
+                } else {
+                    None
+                }
+            });
+            let of_field = |name: &str| {
+                fields.and_then(|(layout, f)| {
+                    Some((layout, &f.iter().find(|(n, _)| **n == *name)?.1))
+                })
+            };
+            Value::Record(
+                map.into_iter()
+                    .filter_map(|(name, v)| {
+                        Some((Arc::from(name.as_str()), value(v, of_field(&name), &name)?))
+                    })
+                    .collect(),
+            )
         }
     })
 }
@@ -183,15 +215,22 @@ mod tests {
             "$defs": {"beam": {"type": "object", "properties": {"distance": {"type": ["null", "number"]}}}}}"##;
         let layout = parse_schema(schema).expect("a layout");
         assert!(layout.has("beams.distance") && layout.type_at("data") == Some(&Type::bytes()));
-        let value = read(Some(&layout), br#"{"beams": [{"distance": 1.5}], "data": "AQI="}"#).expect("a message");
-        assert_eq!((value.bytes("data"), value.list("beams").map(|l| l[0].number("distance"))), (Some(&[1u8, 2][..]), Some(Some(1.5))));
+        let value = read(Some(&layout), br#"{"beams": [{"distance": 1.5}], "data": "AQI="}"#)
+            .expect("a message");
+        assert_eq!(
+            (value.bytes("data"), value.list("beams").map(|l| l[0].number("distance"))),
+            (Some(&[1u8, 2][..]), Some(Some(1.5)))
+        );
         let looped = br##"{"properties": {"a": {"$ref": "#"}}, "$ref": "#/x", "x": {"properties": {"a": {"$ref": "#/x"}}}}"##;
         assert!(parse_schema(looped).expect_err("a loop").contains("holds itself"));
     }
 
     #[test]
     fn a_message_without_schema_shows_its_own_shape() {
-        let layout = layout_of(br#"{"header": {"stamp": {"sec": 1, "nanosec": 2}}, "range": [1, null, 2.5, 3]}"#).expect("a layout");
+        let layout = layout_of(
+            br#"{"header": {"stamp": {"sec": 1, "nanosec": 2}}, "range": [1, null, 2.5, 3]}"#,
+        )
+        .expect("a layout");
         assert!(layout.has("header.stamp.sec") && layout.is_array("range"));
     }
 }

@@ -1,6 +1,8 @@
-//! The layout of a message, whatever language its schema is written in: named fields, arrays, messages in messages.
+//! The layout of a message, whatever language its schema is written in: named fields, arrays,
+//! messages in messages.
 //!
-//! A schema is foreign text: types that hold themselves and nesting without end are refused with a sentence.
+//! A schema is foreign text: types that hold themselves and nesting without end are refused with a
+//! sentence.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -125,12 +127,24 @@ pub struct WrittenField {
 /// Definitions by full name.
 pub type Definitions = BTreeMap<String, Vec<WrittenField>>;
 
-/// Definitions → layout, and the full name of each of its records. `resolve` finds the full name of a name used inside another definition.
+/// Definitions → layout, and the full name of each of its records. `resolve` finds the full name of
+/// a name used inside another definition.
 ///
 /// # Errors
 /// A sentence: a type that nobody defines or that holds itself.
-pub fn build(definitions: &Definitions, root: &str, resolve: &dyn Fn(&str, &str) -> Option<String>) -> Result<(Layout, Vec<String>), String> {
-    let mut builder = Builder { definitions, resolve, done: BTreeMap::new(), open: Vec::new(), records: Vec::new(), names: Vec::new() };
+pub fn build(
+    definitions: &Definitions,
+    root: &str,
+    resolve: &dyn Fn(&str, &str) -> Option<String>,
+) -> Result<(Layout, Vec<String>), String> {
+    let mut builder = Builder {
+        definitions,
+        resolve,
+        done: BTreeMap::new(),
+        open: Vec::new(),
+        records: Vec::new(),
+        names: Vec::new(),
+    };
     builder.record(root)?;
     Ok((Layout { records: builder.records }, builder.names))
 }
@@ -155,9 +169,15 @@ impl Builder<'_> {
         if self.open.len() >= MOST_NESTED {
             return Err(format!("the schema nests more than {MOST_NESTED} types"));
         }
-        let written = self.definitions.get(name).ok_or_else(|| format!("the schema does not define its type {name}"))?;
+        let written = self
+            .definitions
+            .get(name)
+            .ok_or_else(|| format!("the schema does not define its type {name}"))?;
         self.open.push(name.into());
-        let fields = written.iter().map(|f| Ok((Arc::from(f.name.as_str()), self.kind(&f.kind, name)?))).collect::<Result<_, String>>()?;
+        let fields = written
+            .iter()
+            .map(|f| Ok((Arc::from(f.name.as_str()), self.kind(&f.kind, name)?)))
+            .collect::<Result<_, String>>()?;
         self.open.pop();
         self.records.push(fields);
         self.names.push(name.into());
@@ -168,9 +188,12 @@ impl Builder<'_> {
     fn kind(&mut self, written: &Written, scope: &str) -> Result<Type, String> {
         Ok(match written {
             Written::Primitive(p) => Type::Primitive(*p),
-            Written::Array(element, size) => Type::Array(Box::new(self.kind(element, scope)?), *size),
+            Written::Array(element, size) => {
+                Type::Array(Box::new(self.kind(element, scope)?), *size)
+            }
             Written::Named(name) => {
-                let full = (self.resolve)(name, scope).ok_or_else(|| format!("the schema does not define {name}, used in {scope}"))?;
+                let full = (self.resolve)(name, scope)
+                    .ok_or_else(|| format!("the schema does not define {name}, used in {scope}"))?;
                 Type::Record(self.record(&full)?)
             }
         })

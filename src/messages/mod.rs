@@ -1,9 +1,9 @@
-//! Bytes of one message type → what the sensor said. The only room that knows wire formats and vendors'
-//! ways of saying "no return".
+//! Bytes of one message type → what the sensor said. The only room that knows wire formats and
+//! vendors' ways of saying "no return".
 //!
-//! A channel is recognised by the *fields of its own schema* ([`TYPES`]), never by its type's name. A new
-//! message type costs one file and one row. Each row has a tiny sample log in `sample_logs/messages`, and a
-//! test reads them all.
+//! A channel is recognised by the *fields of its own schema* ([`TYPES`]), never by its type's name.
+//! A new message type costs one file and one row. Each row has a tiny sample log in
+//! `sample_logs/messages`, and a test reads them all.
 
 mod altitude;
 mod camera_info;
@@ -78,7 +78,8 @@ pub struct DepthPixels {
 /// What a message's own altitude says of its ranges: whether they are slant or vertical.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeightCheck {
-    /// altitude over the mean of the ranges, all beams good: about `cosine` where they are slant, 1 where they are vertical
+    /// altitude over the mean of the ranges, all beams good: about `cosine` where they are slant, 1
+    /// where they are vertical
     pub ratio: f64,
     /// mean cosine of the beams' angles off their axis
     pub cosine: f64,
@@ -120,7 +121,8 @@ pub enum Kind {
     Transforms(fn(&Value<'_>) -> Result<Vec<Edge>, String>),
     /// world_from_sensor; `None` where the message says it has no attitude
     Attitude(fn(&Value<'_>) -> Result<Option<UnitQuaternion<f64>>, String>),
-    /// ranges along beams, or an altitude; the rank says which instrument to prefer (lower is better)
+    /// ranges along beams, or an altitude; the rank says which instrument to prefer (lower is
+    /// better)
     Ping(u8, fn(&Value<'_>, &DvlFacts) -> Result<PingReading, String>),
     /// exposure, gain or strobe power, by name, in the sender's unit
     LightSetting(fn(&Value<'_>) -> Result<Vec<NamedNumber>, String>),
@@ -158,13 +160,26 @@ enum Wire {
 
 impl Wire {
     /// From a schema; `None` for encodings that are not read.
-    fn of(message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Option<Self>, String> {
+    fn of(
+        message_encoding: &str,
+        schema_name: &str,
+        schema_encoding: &str,
+        schema: &[u8],
+    ) -> Result<Option<Self>, String> {
         let text = || String::from_utf8_lossy(schema);
         Ok(match (message_encoding, schema_encoding) {
-            ("cdr", "ros2msg") => Some(Self::Cdr(ros_schema::parse(schema_name, &text(), Dialect::Ros2)?)),
-            ("cdr", "ros2idl" | "omgidl") => Some(Self::Cdr(idl_schema::parse(schema_name, &text())?)),
-            ("ros1", "ros1msg") => Some(Self::Ros1(ros_schema::parse(schema_name, &text(), Dialect::Ros1)?)),
-            ("protobuf", "protobuf") => Some(Self::Protobuf(protobuf::Schema::parse(schema_name, schema)?)),
+            ("cdr", "ros2msg") => {
+                Some(Self::Cdr(ros_schema::parse(schema_name, &text(), Dialect::Ros2)?))
+            }
+            ("cdr", "ros2idl" | "omgidl") => {
+                Some(Self::Cdr(idl_schema::parse(schema_name, &text())?))
+            }
+            ("ros1", "ros1msg") => {
+                Some(Self::Ros1(ros_schema::parse(schema_name, &text(), Dialect::Ros1)?))
+            }
+            ("protobuf", "protobuf") => {
+                Some(Self::Protobuf(protobuf::Schema::parse(schema_name, schema)?))
+            }
             ("json", "jsonschema") => Some(Self::Json(json::parse_schema(schema)?)),
             _ => None,
         })
@@ -190,8 +205,15 @@ impl Decoder {
     ///
     /// # Errors
     /// A sentence where the schema cannot be parsed.
-    pub fn for_channel(topic: &str, message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Option<Self>, String> {
-        Ok(Wire::of(message_encoding, schema_name, schema_encoding, schema)?.and_then(|wire| Self::matching(wire, topic)))
+    pub fn for_channel(
+        topic: &str,
+        message_encoding: &str,
+        schema_name: &str,
+        schema_encoding: &str,
+        schema: &[u8],
+    ) -> Result<Option<Self>, String> {
+        Ok(Wire::of(message_encoding, schema_name, schema_encoding, schema)?
+            .and_then(|wire| Self::matching(wire, topic)))
     }
 
     /// The decoder for a JSON channel without a schema, by its first message.
@@ -202,14 +224,24 @@ impl Decoder {
         Ok(Self::matching(Wire::Json(json::layout_of(message)?), topic))
     }
 
-    /// The decoder for the channel whose ranges the rig file points to (`dvl.topic`, `dvl.path`), whatever its shape.
+    /// The decoder for the channel whose ranges the rig file points to (`dvl.topic`, `dvl.path`),
+    /// whatever its shape.
     ///
     /// # Errors
     /// A sentence where the encoding is not read or the schema cannot be parsed.
-    pub fn by_path(message_encoding: &str, schema_name: &str, schema_encoding: &str, schema: &[u8]) -> Result<Self, String> {
+    pub fn by_path(
+        message_encoding: &str,
+        schema_name: &str,
+        schema_encoding: &str,
+        schema: &[u8],
+    ) -> Result<Self, String> {
         let wire = match Wire::of(message_encoding, schema_name, schema_encoding, schema)? {
             None if message_encoding == "json" => Wire::Json(Layout { records: Vec::new() }),
-            wire => wire.ok_or_else(|| format!("rig file: dvl.path in a message of encoding {message_encoding:?} is not read"))?,
+            wire => wire.ok_or_else(|| {
+                format!(
+                    "rig file: dvl.path in a message of encoding {message_encoding:?} is not read"
+                )
+            })?,
         };
         Ok(Self { wire, message_type: &BY_PATH })
     }
@@ -221,7 +253,8 @@ impl Decoder {
 
     /// Looks at the channel's first message: a depth picture has the shape of any other.
     pub fn settle(&mut self, topic: &str, first: &[u8]) {
-        let is_depth = matches!(self.message_type.kind, Kind::Picture(_)) && self.read(first).is_ok_and(|v| depth_picture::is_depth(&v, topic));
+        let is_depth = matches!(self.message_type.kind, Kind::Picture(_))
+            && self.read(first).is_ok_and(|v| depth_picture::is_depth(&v, topic));
         if is_depth && let Some(depth) = TYPES.iter().find(|t| t.name == DEPTH) {
             self.message_type = depth;
         }

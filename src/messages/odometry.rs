@@ -9,5 +9,7 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 }
 
 pub fn decode(value: &Value<'_>) -> Result<Option<UnitQuaternion<f64>>, String> {
-    Ok(attitude(value.xyzw("pose.pose.orientation").ok_or_else(|| missing("pose.pose.orientation"))?))
+    Ok(attitude(
+        value.xyzw("pose.pose.orientation").ok_or_else(|| missing("pose.pose.orientation"))?,
+    ))
 }

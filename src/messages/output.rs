@@ -1,6 +1,6 @@
-//! The messages unwater writes: flat numeric fields, units in the names, NaN for unknown. CDR with self-contained
-//! `ros2msg` schemas by default, as it is the family that rerun and Foxglove both show best; protobuf with Foxglove's schemas
-//! or ROS 1 by choice.
+//! The messages unwater writes: flat numeric fields, units in the names, NaN for unknown. CDR with
+//! self-contained `ros2msg` schemas by default, as it is the family that rerun and Foxglove both
+//! show best; protobuf with Foxglove's schemas or ROS 1 by choice.
 
 use super::Heading;
 use super::descriptor::{self, Form, ProtoType};
@@ -42,10 +42,23 @@ impl OutputType {
     /// The type's schema in an encoding.
     pub fn schema_in(&self, wire: OutputWire) -> WrittenSchema {
         match wire {
-            OutputWire::Cdr => WrittenSchema { name: self.name.into(), encoding: "ros2msg", data: self.schema.into(), message_encoding: "cdr" },
+            OutputWire::Cdr => WrittenSchema {
+                name: self.name.into(),
+                encoding: "ros2msg",
+                data: self.schema.into(),
+                message_encoding: "cdr",
+            },
             OutputWire::Ros1 => {
-                let (name, text) = self.ros1.map_or_else(|| (self.name.replace("/msg/", "/"), in_ros1(self.schema)), |(n, t)| (n.into(), t.into()));
-                WrittenSchema { name, encoding: "ros1msg", data: text.into_bytes(), message_encoding: "ros1" }
+                let (name, text) = self.ros1.map_or_else(
+                    || (self.name.replace("/msg/", "/"), in_ros1(self.schema)),
+                    |(n, t)| (n.into(), t.into()),
+                );
+                WrittenSchema {
+                    name,
+                    encoding: "ros1msg",
+                    data: text.into_bytes(),
+                    message_encoding: "ros1",
+                }
             }
             OutputWire::Protobuf => {
                 let (name, data) = match self.protobuf {
@@ -64,10 +77,15 @@ impl OutputType {
 
 /// A ROS 2 definition in the words of ROS 1: `time` is a primitive, and a header has a number.
 fn in_ros1(schema: &str) -> String {
-    let sections = schema.split("================================================================================\n");
+    let sections = schema.split(
+        "================================================================================\n",
+    );
     let kept: Vec<String> = sections
         .filter(|s| !s.starts_with("MSG: builtin_interfaces/Time"))
-        .map(|s| s.replace("builtin_interfaces/Time", "time").replace("MSG: std_msgs/Header\n", "MSG: std_msgs/Header\nuint32 seq\n"))
+        .map(|s| {
+            s.replace("builtin_interfaces/Time", "time")
+                .replace("MSG: std_msgs/Header\n", "MSG: std_msgs/Header\nuint32 seq\n")
+        })
         .collect();
     kept.join("================================================================================\n")
 }
@@ -77,8 +95,10 @@ macro_rules! with_header {
         concat!(
             "std_msgs/Header header\n",
             $fields,
-            "================================================================================\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-            "================================================================================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+            "================================================================================\\
+             nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+            "================================================================================\\
+             nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
         )
     };
 }
@@ -93,14 +113,22 @@ pub const COMPRESSED_IMAGE: OutputType = OutputType {
     ros1: None,
     protobuf: Some(&ProtoType {
         name: "foxglove.CompressedImage",
-        fields: &[("timestamp", 1, Form::Time), ("frame_id", 4, Form::Text), ("data", 2, Form::Bytes), ("format", 3, Form::Text)],
+        fields: &[
+            ("timestamp", 1, Form::Time),
+            ("frame_id", 4, Form::Text),
+            ("data", 2, Form::Bytes),
+            ("format", 3, Form::Text),
+        ],
     }),
 };
 
 /// A corrected picture as bare pixels.
 pub const IMAGE: OutputType = OutputType {
     name: "sensor_msgs/msg/Image",
-    schema: with_header!("uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n"),
+    schema: with_header!(
+        "uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] \
+         data\n"
+    ),
     ros1: None,
     protobuf: Some(&ProtoType {
         name: "foxglove.RawImage",
@@ -121,9 +149,13 @@ pub const CAMERA_INFO: OutputType = OutputType {
     name: "sensor_msgs/msg/CameraInfo",
     schema: concat!(
         with_header!(
-            "uint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n"
+            "uint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] \
+             k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 \
+             binning_y\nsensor_msgs/RegionOfInterest roi\n"
         ),
-        "================================================================================\nMSG: sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n"
+        "================================================================================\nMSG: \
+         sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 \
+         width\nbool do_rectify\n"
     ),
     ros1: Some(("sensor_msgs/CameraInfo", ROS1_CAMERA_INFO)),
     protobuf: Some(&ProtoType {
@@ -146,7 +178,9 @@ pub const CAMERA_INFO: OutputType = OutputType {
 pub const ATTENUATION: OutputType = OutputType::of_ros2(
     "unwater_msgs/msg/Attenuation",
     with_header!(
-        "# red, green, blue; NaN where there is no such band\nfloat64[3] attenuation_per_m\nfloat64[3] attenuation_std_per_m\n# true: spreading is modelled; false: an effective value that holds spreading too\nbool physical\nbool identified\n"
+        "# red, green, blue; NaN where there is no such band\nfloat64[3] \
+         attenuation_per_m\nfloat64[3] attenuation_std_per_m\n# true: spreading is modelled; \
+         false: an effective value that holds spreading too\nbool physical\nbool identified\n"
     ),
 );
 
@@ -154,7 +188,11 @@ pub const ATTENUATION: OutputType = OutputType::of_ros2(
 pub const SEAFLOOR: OutputType = OutputType::of_ros2(
     "unwater_msgs/msg/Seafloor",
     with_header!(
-        "# the plane n.x = d in the camera's optical frame, n pointing into the floor\nfloat64 normal_x\nfloat64 normal_y\nfloat64 normal_z\nfloat64 distance_m\nfloat64 camera_altitude_m\nfloat64 tilt_to_camera_deg\n# hits of sonar beams, their spread over the plane, and the time to the nearest ping\nuint32 hits\nfloat64 residual_m\nfloat64 nearest_ping_s\n# least squares, exact, assumed level\nstring support\n"
+        "# the plane n.x = d in the camera's optical frame, n pointing into the floor\nfloat64 \
+         normal_x\nfloat64 normal_y\nfloat64 normal_z\nfloat64 distance_m\nfloat64 \
+         camera_altitude_m\nfloat64 tilt_to_camera_deg\n# hits of sonar beams, their spread over \
+         the plane, and the time to the nearest ping\nuint32 hits\nfloat64 residual_m\nfloat64 \
+         nearest_ping_s\n# least squares, exact, assumed level\nstring support\n"
     ),
 );
 
@@ -162,7 +200,11 @@ pub const SEAFLOOR: OutputType = OutputType::of_ros2(
 pub const FRAME: OutputType = OutputType::of_ros2(
     "unwater_msgs/msg/Frame",
     with_header!(
-        "bool corrected\n# why not, if not\nstring reason\nfloat64 camera_altitude_m\nfloat64 path_length_min_m\nfloat64 path_length_mean_m\nfloat64 path_length_max_m\n# shares of the picture's pixels\nfloat64 clipped_input_share\nfloat64 clipped_output_share\nfloat64 gain_capped_share\nfloat64 off_surface_share\nfloat64 unseen_beam_share\nfloat64 mean_gain\n# of the picture: light too near its own noise\nfloat64 low_signal_share\n"
+        "bool corrected\n# why not, if not\nstring reason\nfloat64 camera_altitude_m\nfloat64 \
+         path_length_min_m\nfloat64 path_length_mean_m\nfloat64 path_length_max_m\n# shares of \
+         the picture's pixels\nfloat64 clipped_input_share\nfloat64 clipped_output_share\nfloat64 \
+         gain_capped_share\nfloat64 off_surface_share\nfloat64 unseen_beam_share\nfloat64 \
+         mean_gain\n# of the picture: light too near its own noise\nfloat64 low_signal_share\n"
     ),
 );
 
@@ -170,7 +212,9 @@ pub const FRAME: OutputType = OutputType::of_ros2(
 pub const BEAM_PATTERN: OutputType = OutputType::of_ros2(
     "unwater_msgs/msg/BeamPattern",
     with_header!(
-        "# angles in the strobe's frame: theta = atan2(y, z), phi = atan2(x, z)\nfloat64[] theta_deg\nfloat64[] phi_deg\n# natural log of the gain, peak 0, NaN where never seen; one row per theta\nfloat64[] log_gain\n"
+        "# angles in the strobe's frame: theta = atan2(y, z), phi = atan2(x, z)\nfloat64[] \
+         theta_deg\nfloat64[] phi_deg\n# natural log of the gain, peak 0, NaN where never seen; \
+         one row per theta\nfloat64[] log_gain\n"
     ),
 );
 
@@ -179,26 +223,38 @@ pub const MULTI_ARRAY: OutputType = OutputType {
     name: "std_msgs/msg/Float64MultiArray",
     schema: concat!(
         "std_msgs/MultiArrayLayout layout\nfloat64[] data\n",
-        "================================================================================\nMSG: std_msgs/MultiArrayLayout\nstd_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n",
-        "================================================================================\nMSG: std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n"
+        "================================================================================\nMSG: \
+         std_msgs/MultiArrayLayout\nstd_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n",
+        "================================================================================\nMSG: \
+         std_msgs/MultiArrayDimension\nstring label\nuint32 size\nuint32 stride\n"
     ),
     ros1: None,
-    protobuf: Some(&ProtoType { name: "unwater_msgs.Numbers", fields: &[("label", 1, Form::Text), ("data", 2, Form::Doubles)] }),
+    protobuf: Some(&ProtoType {
+        name: "unwater_msgs.Numbers",
+        fields: &[("label", 1, Form::Text), ("data", 2, Form::Doubles)],
+    }),
 };
 
 /// A line for the viewers' log panels.
 pub const LOG: OutputType = OutputType {
     name: "rcl_interfaces/msg/Log",
     schema: concat!(
-        "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte FATAL=50\nbuiltin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\n",
-        "================================================================================\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+        "byte DEBUG=10\nbyte INFO=20\nbyte WARN=30\nbyte ERROR=40\nbyte \
+         FATAL=50\nbuiltin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring \
+         file\nstring function\nuint32 line\n",
+        "================================================================================\nMSG: \
+         builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     ),
     ros1: Some(("rosgraph_msgs/Log", ROS1_LOG)),
     protobuf: Some(&ProtoType {
         name: "foxglove.Log",
         fields: &[
             ("timestamp", 1, Form::Time),
-            ("level", 2, Form::Choice("Level", &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"])),
+            (
+                "level",
+                2,
+                Form::Choice("Level", &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]),
+            ),
             ("message", 3, Form::Text),
             ("name", 4, Form::Text),
             ("file", 5, Form::Text),
@@ -209,15 +265,23 @@ pub const LOG: OutputType = OutputType {
 
 /// ROS 1 has capitals here, and its readers insist on them.
 const ROS1_CAMERA_INFO: &str = concat!(
-    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\nuint32 binning_x\nuint32 binning_y\nsensor_msgs/RegionOfInterest roi\n",
-    "================================================================================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n",
-    "================================================================================\nMSG: sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n"
+    "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] \
+     D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\nuint32 binning_x\nuint32 \
+     binning_y\nsensor_msgs/RegionOfInterest roi\n",
+    "================================================================================\nMSG: \
+     std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n",
+    "================================================================================\nMSG: \
+     sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 \
+     width\nbool do_rectify\n"
 );
 
 /// ROS 1's line of a log, whose levels are other numbers.
 const ROS1_LOG: &str = concat!(
-    "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\nstd_msgs/Header header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 line\nstring[] topics\n",
-    "================================================================================\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    "byte DEBUG=1\nbyte INFO=2\nbyte WARN=4\nbyte ERROR=8\nbyte FATAL=16\nstd_msgs/Header \
+     header\nbyte level\nstring name\nstring msg\nstring file\nstring function\nuint32 \
+     line\nstring[] topics\n",
+    "================================================================================\nMSG: \
+     std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 );
 
 /// Weight of a log line.
@@ -243,7 +307,9 @@ pub fn headed(wire: OutputWire, heading: &Heading) -> Writer {
 fn begun(wire: OutputWire, heading: &Heading, frame_id: u32) -> Writer {
     let (sec, nanosec) = time(heading.stamp.unwrap_or_default());
     match wire {
-        OutputWire::Protobuf => Writer::new(wire).time(sec, nanosec).at(frame_id).text(&heading.frame_id),
+        OutputWire::Protobuf => {
+            Writer::new(wire).time(sec, nanosec).at(frame_id).text(&heading.frame_id)
+        }
         OutputWire::Cdr | OutputWire::Ros1 => headed(wire, heading),
     }
 }
@@ -254,8 +320,22 @@ pub fn compressed_image(wire: OutputWire, heading: &Heading, format: &str, data:
 }
 
 /// `Image`, little-endian.
-pub fn image(wire: OutputWire, heading: &Heading, width: usize, height: usize, encoding: &str, step: usize, data: &[u8]) -> Vec<u8> {
-    let sized = begun(wire, heading, 7).at(3).fixed32(height as u32).at(2).fixed32(width as u32).at(4).text(encoding);
+pub fn image(
+    wire: OutputWire,
+    heading: &Heading,
+    width: usize,
+    height: usize,
+    encoding: &str,
+    step: usize,
+    data: &[u8],
+) -> Vec<u8> {
+    let sized = begun(wire, heading, 7)
+        .at(3)
+        .fixed32(height as u32)
+        .at(2)
+        .fixed32(width as u32)
+        .at(4)
+        .text(encoding);
     // Foxglove's has no byte order: it is little-endian.
     let ordered = if wire == OutputWire::Protobuf { sized } else { sized.u8(0) };
     ordered.at(5).fixed32(step as u32).bytes(data).finish()
@@ -264,7 +344,11 @@ pub fn image(wire: OutputWire, heading: &Heading, width: usize, height: usize, e
 /// `CameraInfo` of a camera.
 pub fn camera_info(wire: OutputWire, heading: &Heading, camera: &Camera) -> Vec<u8> {
     let Camera { fx, fy, cx, cy, .. } = *camera;
-    let sized = begun(wire, heading, 9).at(3).fixed32(camera.height as u32).at(2).fixed32(camera.width as u32);
+    let sized = begun(wire, heading, 9)
+        .at(3)
+        .fixed32(camera.height as u32)
+        .at(2)
+        .fixed32(camera.width as u32);
     let calibrated = sized
         .at(4)
         .text(camera.distortion.name())
@@ -275,7 +359,9 @@ pub fn camera_info(wire: OutputWire, heading: &Heading, camera: &Camera) -> Vec<
     match wire {
         OutputWire::Protobuf => calibrated.finish(),
         // binning, region of interest: none
-        OutputWire::Cdr | OutputWire::Ros1 => (0..6).fold(calibrated, |w, _| w.u32(0)).u8(0).finish(),
+        OutputWire::Cdr | OutputWire::Ros1 => {
+            (0..6).fold(calibrated, |w, _| w.u32(0)).u8(0).finish()
+        }
     }
 }
 
@@ -284,7 +370,9 @@ pub fn multi_array(wire: OutputWire, label: &str, values: &[f64]) -> Vec<u8> {
     let n = values.len() as u32;
     let labelled = match wire {
         OutputWire::Protobuf => Writer::new(wire).text(label),
-        OutputWire::Cdr | OutputWire::Ros1 => Writer::new(wire).u32(1).text(label).u32(n).u32(n).u32(0),
+        OutputWire::Cdr | OutputWire::Ros1 => {
+            Writer::new(wire).u32(1).text(label).u32(n).u32(n).u32(0)
+        }
     };
     labelled.f64_sequence(values).finish()
 }
@@ -301,9 +389,33 @@ pub fn log(wire: OutputWire, stamp: Stamp, level: Level, text: &str) -> Vec<u8> 
     };
     let begun = Writer::new(wire);
     match wire {
-        OutputWire::Cdr => begun.time(sec, nanosec).u8(level).text("unwater").text(text).text("").text("").u32(0).finish(),
-        OutputWire::Ros1 => begun.header(sec, nanosec, "").u8(level).text("unwater").text(text).text("").text("").u32(0).u32(0).finish(),
-        OutputWire::Protobuf => begun.time(sec, nanosec).u8(level).text(text).text("unwater").text("").fixed32(0).finish(),
+        OutputWire::Cdr => begun
+            .time(sec, nanosec)
+            .u8(level)
+            .text("unwater")
+            .text(text)
+            .text("")
+            .text("")
+            .u32(0)
+            .finish(),
+        OutputWire::Ros1 => begun
+            .header(sec, nanosec, "")
+            .u8(level)
+            .text("unwater")
+            .text(text)
+            .text("")
+            .text("")
+            .u32(0)
+            .u32(0)
+            .finish(),
+        OutputWire::Protobuf => begun
+            .time(sec, nanosec)
+            .u8(level)
+            .text(text)
+            .text("unwater")
+            .text("")
+            .fixed32(0)
+            .finish(),
     }
 }
 
@@ -316,7 +428,8 @@ mod tests {
 
     #[test]
     fn what_is_written_reads_by_its_own_schema() {
-        let heading = Heading { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
+        let heading =
+            Heading { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
         let camera = Camera::from_field_of_view(640, 480, 60.0);
         for wire in WIRES {
             let frame = headed(wire, &heading).u8(1).text("why").f64s(&[0.5; 11]).finish();
@@ -328,33 +441,83 @@ mod tests {
                 (LOG, log(wire, Stamp(5_000_000_001), Level::Warn, "dark")),
                 (FRAME, frame),
                 (POSE, pose(wire, &heading, &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
-                (TRANSFORM, transform(wire, &heading, "floor", &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
-                (POINT_CLOUD, point_cloud(wire, &heading, &[ScenePoint { at: [1.0, 2.0, 3.0], rgb: [255, 128, 0] }; 5])),
+                (
+                    TRANSFORM,
+                    transform(
+                        wire,
+                        &heading,
+                        "floor",
+                        &nalgebra::Isometry3::translation(1.0, 2.0, 3.0),
+                    ),
+                ),
+                (
+                    POINT_CLOUD,
+                    point_cloud(
+                        wire,
+                        &heading,
+                        &[ScenePoint { at: [1.0, 2.0, 3.0], rgb: [255, 128, 0] }; 5],
+                    ),
+                ),
             ];
             for (kind, bytes) in cases {
                 let schema = kind.schema_in(wire);
-                let decoder = Decoder::by_path(schema.message_encoding, &schema.name, schema.encoding, &schema.data).expect(kind.name);
+                let decoder = Decoder::by_path(
+                    schema.message_encoding,
+                    &schema.name,
+                    schema.encoding,
+                    &schema.data,
+                )
+                .expect(kind.name);
                 let value = decoder.read(&bytes).expect(kind.name);
                 let said = crate::messages::heading(&value);
                 match kind.name {
-                    "sensor_msgs/msg/CameraInfo" => assert_eq!(value.numbers("k").map(|k| k[0]), Some(camera.fx)),
-                    "std_msgs/msg/Float64MultiArray" => assert_eq!(value.numbers("data"), Some(vec![1.0, 2.0])),
+                    "sensor_msgs/msg/CameraInfo" => {
+                        assert_eq!(value.numbers("k").map(|k| k[0]), Some(camera.fx))
+                    }
+                    "std_msgs/msg/Float64MultiArray" => {
+                        assert_eq!(value.numbers("data"), Some(vec![1.0, 2.0]))
+                    }
                     "rcl_interfaces/msg/Log" => {
-                        assert_eq!(value.text("msg").or(value.text("message")), Some("dark"), "{wire:?}");
-                        assert_eq!((value.text("name"), said.stamp), (Some("unwater"), Some(Stamp(5_000_000_001))), "{wire:?}");
+                        assert_eq!(
+                            value.text("msg").or(value.text("message")),
+                            Some("dark"),
+                            "{wire:?}"
+                        );
+                        assert_eq!(
+                            (value.text("name"), said.stamp),
+                            (Some("unwater"), Some(Stamp(5_000_000_001))),
+                            "{wire:?}"
+                        );
                     }
                     "geometry_msgs/msg/PoseStamped" => {
-                        assert_eq!((value.number("pose.position.y"), value.number("pose.orientation.w")), (Some(2.0), Some(1.0)), "{wire:?}");
+                        assert_eq!(
+                            (value.number("pose.position.y"), value.number("pose.orientation.w")),
+                            (Some(2.0), Some(1.0)),
+                            "{wire:?}"
+                        );
                     }
                     "tf2_msgs/msg/TFMessage" => assert!(
-                        value.text("child_frame_id") == Some("floor") && value.number("translation.z") == Some(3.0)
+                        value.text("child_frame_id") == Some("floor")
+                            && value.number("translation.z") == Some(3.0)
                             || value.list("transforms").is_some_and(|t| t.len() == 1),
                         "{wire:?}"
                     ),
                     "unwater_msgs/msg/Frame" => {
-                        assert_eq!((value.flag("corrected"), value.number("mean_gain"), value.text("reason")), (Some(true), Some(0.5), Some("why")));
+                        assert_eq!(
+                            (
+                                value.flag("corrected"),
+                                value.number("mean_gain"),
+                                value.text("reason")
+                            ),
+                            (Some(true), Some(0.5), Some("why"))
+                        );
                     }
-                    _ => assert_eq!((said.frame_id.as_str(), said.stamp), ("cam", heading.stamp), "{wire:?} {}", kind.name),
+                    _ => assert_eq!(
+                        (said.frame_id.as_str(), said.stamp),
+                        ("cam", heading.stamp),
+                        "{wire:?} {}",
+                        kind.name
+                    ),
                 }
             }
         }

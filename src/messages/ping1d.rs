@@ -1,4 +1,5 @@
-//! Ping1D shapes (Blue Robotics' echo sounder): `distance` in millimetres with `confidence` in percent.
+//! Ping1D shapes (Blue Robotics' echo sounder): `distance` in millimetres with `confidence` in
+//! percent.
 
 use super::{PingReading, Value, heading, layout::Layout, missing};
 use crate::units::{Altitude, Stamp};
@@ -16,7 +17,12 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let sure = value.number("confidence").is_none_or(|c| c >= LEAST_CONFIDENCE);
     let altitude = distance * facts.unit_m.unwrap_or(1e-3) * facts.sound_speed_ratio.unwrap_or(1.0);
     let altitude = (sure && altitude > 0.0 && altitude.is_finite()).then_some(Altitude(altitude));
-    let ping = Ping { stamp: heading(value).stamp.unwrap_or(Stamp(0)), beams: Vec::new(), altitude, velocity_m_per_s: None };
+    let ping = Ping {
+        stamp: heading(value).stamp.unwrap_or(Stamp(0)),
+        beams: Vec::new(),
+        altitude,
+        velocity_m_per_s: None,
+    };
     Ok(PingReading {
         ping: Some(ping),
         remark: Some("an echo sounder's wide cone: its distance is read as an altitude".into()),

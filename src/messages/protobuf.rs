@@ -1,12 +1,15 @@
 //! Protocol Buffers: the `FileDescriptorSet` in the schema's data → layout, and messages by it.
 //!
-//! Small and our own, since a picture's bytes are borrowed and a few wire types are all there is. Fields that a
-//! message leaves out get proto3's defaults; members of a `oneof`, `optional` fields and messages stay absent.
+//! Small and our own, since a picture's bytes are borrowed and a few wire types are all there is.
+//! Fields that a message leaves out get proto3's defaults; members of a `oneof`, `optional` fields
+//! and messages stay absent.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use super::layout::{Definitions, Layout, MOST_NESTED, Primitive, Type, Written, WrittenField, build};
+use super::layout::{
+    Definitions, Layout, MOST_NESTED, Primitive, Type, Written, WrittenField, build,
+};
 use super::value::{Budget, Value};
 
 /// How a field lies on the wire.
@@ -50,7 +53,8 @@ enum Wire<'a> {
 /// Reads one field off the front.
 fn field<'a>(bytes: &mut &'a [u8]) -> Result<(u64, Wire<'a>), String> {
     fn fixed<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], String> {
-        let (head, tail) = bytes.split_first_chunk::<N>().ok_or("the message ends inside a number")?;
+        let (head, tail) =
+            bytes.split_first_chunk::<N>().ok_or("the message ends inside a number")?;
         *bytes = tail;
         Ok(*head)
     }
@@ -61,7 +65,8 @@ fn field<'a>(bytes: &mut &'a [u8]) -> Result<(u64, Wire<'a>), String> {
         2 => {
             let length = varint(bytes)?;
             let split = usize::try_from(length).ok().and_then(|n| bytes.split_at_checked(n));
-            let (head, tail) = split.ok_or_else(|| format!("a field of {length} bytes in the {} left", bytes.len()))?;
+            let (head, tail) = split
+                .ok_or_else(|| format!("a field of {length} bytes in the {} left", bytes.len()))?;
             *bytes = tail;
             Wire::Sized(head)
         }
@@ -92,7 +97,11 @@ struct Descriptors {
 }
 
 fn text(wire: &Wire<'_>) -> String {
-    if let Wire::Sized(bytes) = wire { String::from_utf8_lossy(bytes).into_owned() } else { String::new() }
+    if let Wire::Sized(bytes) = wire {
+        String::from_utf8_lossy(bytes).into_owned()
+    } else {
+        String::new()
+    }
 }
 
 /// The sized fields of this number.
@@ -113,7 +122,10 @@ impl Descriptors {
     fn read(set: &[u8]) -> Result<Self, String> {
         let mut all = Self::default();
         for file in parts(set, 1)? {
-            let package = parts(file, 2)?.first().map(|p| String::from_utf8_lossy(p).into_owned()).unwrap_or_default();
+            let package = parts(file, 2)?
+                .first()
+                .map(|p| String::from_utf8_lossy(p).into_owned())
+                .unwrap_or_default();
             for message in parts(file, 4)? {
                 all.message(&package, message, 0)?;
             }
@@ -126,7 +138,10 @@ impl Descriptors {
         if depth > MOST_NESTED {
             return Err(format!("the schema nests more than {MOST_NESTED} types"));
         }
-        let name = parts(descriptor, 1)?.first().map(|p| String::from_utf8_lossy(p).into_owned()).unwrap_or_default();
+        let name = parts(descriptor, 1)?
+            .first()
+            .map(|p| String::from_utf8_lossy(p).into_owned())
+            .unwrap_or_default();
         let full = if scope.is_empty() { name } else { format!("{scope}.{name}") };
         for nested in parts(descriptor, 3)? {
             self.message(&full, nested, depth + 1)?;
@@ -143,9 +158,11 @@ impl Descriptors {
     }
 }
 
-/// `FieldDescriptorProto`: name = 1, number = 3, label = 4, type = 5, type_name = 6, oneof_index = 9
+/// `FieldDescriptorProto`: name = 1, number = 3, label = 4, type = 5, type_name = 6, oneof_index =
+/// 9
 fn field_descriptor(mut bytes: &[u8]) -> Result<(WrittenField, Tag), String> {
-    let (mut name, mut type_name, mut number, mut label, mut kind, mut optional) = (String::new(), String::new(), 0, 0, 0, false);
+    let (mut name, mut type_name, mut number, mut label, mut kind, mut optional) =
+        (String::new(), String::new(), 0, 0, 0, false);
     while !bytes.is_empty() {
         match field(&mut bytes)? {
             (1, wire) => name = text(&wire),
@@ -175,7 +192,11 @@ fn field_descriptor(mut bytes: &[u8]) -> Result<(WrittenField, Tag), String> {
         16 => (plain(Primitive::Int(8)), Coding::Fixed64),
         17 => (plain(Primitive::Int(4)), Coding::Signed),
         18 => (plain(Primitive::Int(8)), Coding::Signed),
-        other => return Err(format!("the schema's field {name} has the protobuf type {other}, which is not read")),
+        other => {
+            return Err(format!(
+                "the schema's field {name} has the protobuf type {other}, which is not read"
+            ));
+        }
     };
     let written = if label == 3 { Written::Array(Box::new(written), None) } else { written };
     Ok((WrittenField { name, kind: written }, Tag { number, coding, optional }))
@@ -187,8 +208,10 @@ impl Schema {
     /// # Errors
     /// A sentence: no descriptor set, an unknown type, a type that holds itself.
     pub fn parse(name: &str, set: &[u8]) -> Result<Self, String> {
-        let found = Descriptors::read(set).map_err(|e| format!("the schema is no FileDescriptorSet: {e}"))?;
-        let resolve = |base: &str, _: &str| found.definitions.contains_key(base).then(|| base.to_string());
+        let found = Descriptors::read(set)
+            .map_err(|e| format!("the schema is no FileDescriptorSet: {e}"))?;
+        let resolve =
+            |base: &str, _: &str| found.definitions.contains_key(base).then(|| base.to_string());
         let (layout, names) = build(&found.definitions, name.trim_start_matches('.'), &resolve)?;
         let tags = names.iter().map(|n| found.tags.get(n).cloned().unwrap_or_default()).collect();
         Ok(Self { layout, tags })
@@ -203,37 +226,73 @@ impl Schema {
         self.record(root, message, &mut Budget::of(message))
     }
 
-    fn record<'a>(&self, index: usize, mut bytes: &'a [u8], budget: &mut Budget) -> Result<Value<'a>, String> {
-        let (fields, tags) = self.layout.records.get(index).zip(self.tags.get(index)).ok_or("a schema that points nowhere")?;
+    fn record<'a>(
+        &self,
+        index: usize,
+        mut bytes: &'a [u8],
+        budget: &mut Budget,
+    ) -> Result<Value<'a>, String> {
+        let (fields, tags) = self
+            .layout
+            .records
+            .get(index)
+            .zip(self.tags.get(index))
+            .ok_or("a schema that points nowhere")?;
         budget.spend(1 + fields.len())?;
-        let mut values: Vec<Option<Value<'a>>> =
-            fields.iter().zip(tags).map(|((_, kind), tag)| if tag.optional { None } else { default(kind) }).collect();
+        let mut values: Vec<Option<Value<'a>>> = fields
+            .iter()
+            .zip(tags)
+            .map(|((_, kind), tag)| if tag.optional { None } else { default(kind) })
+            .collect();
         while !bytes.is_empty() {
             let (number, wire) = field(&mut bytes)?;
             let Some(at) = tags.iter().position(|t| t.number == number) else { continue };
             let (name, kind) = &fields[at];
             let bad = || format!("the field {name} is not on the wire as its schema says");
             match kind {
-                Type::Array(element, _) if **element != Type::Primitive(Primitive::UInt(1)) || tags[at].coding != Coding::Sized => {
+                Type::Array(element, _)
+                    if **element != Type::Primitive(Primitive::UInt(1))
+                        || tags[at].coding != Coding::Sized =>
+                {
                     let list = values[at].get_or_insert(Value::Numbers(Vec::new()));
                     self.append(list, element, tags[at].coding, wire, budget)?;
                 }
-                _ => values[at] = Some(self.single(kind, tags[at].coding, wire, budget)?.ok_or_else(bad)?),
+                _ => {
+                    values[at] =
+                        Some(self.single(kind, tags[at].coding, wire, budget)?.ok_or_else(bad)?)
+                }
             }
         }
-        Ok(Value::Record(fields.iter().zip(values).filter_map(|((name, _), value)| Some((name.clone(), value?))).collect()))
+        Ok(Value::Record(
+            fields
+                .iter()
+                .zip(values)
+                .filter_map(|((name, _), value)| Some((name.clone(), value?)))
+                .collect(),
+        ))
     }
 
     /// An element of a repeated field, or several in one packed block.
-    fn append<'a>(&self, list: &mut Value<'a>, element: &Type, coding: Coding, wire: Wire<'a>, budget: &mut Budget) -> Result<(), String> {
+    fn append<'a>(
+        &self,
+        list: &mut Value<'a>,
+        element: &Type,
+        coding: Coding,
+        wire: Wire<'a>,
+        budget: &mut Budget,
+    ) -> Result<(), String> {
         let bad = || String::from("a repeated field is not on the wire as its schema says");
         match (element, wire) {
             (Type::Primitive(p), Wire::Sized(mut packed)) if coding != Coding::Sized => {
                 let Value::Numbers(numbers) = list else { return Err(bad()) };
                 while !packed.is_empty() {
                     let wire = match coding {
-                        Coding::Fixed32 => Wire::Fixed32(u32::from_le_bytes(*packed.first_chunk().ok_or_else(bad)?)),
-                        Coding::Fixed64 => Wire::Fixed64(u64::from_le_bytes(*packed.first_chunk().ok_or_else(bad)?)),
+                        Coding::Fixed32 => Wire::Fixed32(u32::from_le_bytes(
+                            *packed.first_chunk().ok_or_else(bad)?,
+                        )),
+                        Coding::Fixed64 => Wire::Fixed64(u64::from_le_bytes(
+                            *packed.first_chunk().ok_or_else(bad)?,
+                        )),
                         _ => Wire::Varint(varint(&mut packed)?),
                     };
                     packed = match coding {
@@ -261,11 +320,19 @@ impl Schema {
         Ok(())
     }
 
-    fn single<'a>(&self, kind: &Type, coding: Coding, wire: Wire<'a>, budget: &mut Budget) -> Result<Option<Value<'a>>, String> {
+    fn single<'a>(
+        &self,
+        kind: &Type,
+        coding: Coding,
+        wire: Wire<'a>,
+        budget: &mut Budget,
+    ) -> Result<Option<Value<'a>>, String> {
         Ok(match (kind, wire) {
             (Type::Record(index), Wire::Sized(bytes)) => Some(self.record(*index, bytes, budget)?),
             (Type::Array(..), Wire::Sized(bytes)) => Some(Value::Bytes(Cow::Borrowed(bytes))),
-            (Type::Primitive(Primitive::Text), Wire::Sized(bytes)) => Some(Value::Text(String::from_utf8_lossy(bytes))),
+            (Type::Primitive(Primitive::Text), Wire::Sized(bytes)) => {
+                Some(Value::Text(String::from_utf8_lossy(bytes)))
+            }
             (Type::Primitive(p), wire) => scalar(*p, coding, &wire),
             _ => None,
         })
@@ -305,7 +372,9 @@ fn default<'a>(kind: &Type) -> Option<Value<'a>> {
         Type::Primitive(Primitive::Text | Primitive::WideText) => Value::Text(Cow::Borrowed("")),
         Type::Array(element, _) => match element.as_ref() {
             Type::Primitive(Primitive::UInt(1)) => Value::Bytes(Cow::Borrowed(&[])),
-            Type::Primitive(Primitive::Text | Primitive::WideText) | Type::Record(_) | Type::Array(..) => Value::List(Vec::new()),
+            Type::Primitive(Primitive::Text | Primitive::WideText)
+            | Type::Record(_)
+            | Type::Array(..) => Value::List(Vec::new()),
             Type::Primitive(_) => Value::Numbers(Vec::new()),
         },
         Type::Record(_) => return None,
@@ -322,7 +391,12 @@ mod tests {
     }
 
     fn descriptor(name: &str, number: u8, label: u8, kind: u8, type_name: &str) -> Vec<u8> {
-        let body = [sized(1, name.as_bytes()), vec![3 << 3, number, 4 << 3, label, 5 << 3, kind], sized(6, type_name.as_bytes())].concat();
+        let body = [
+            sized(1, name.as_bytes()),
+            vec![3 << 3, number, 4 << 3, label, 5 << 3, kind],
+            sized(6, type_name.as_bytes()),
+        ]
+        .concat();
         sized(2, &body)
     }
 
@@ -333,12 +407,19 @@ mod tests {
 
     #[test]
     fn packed_or_not_zigzag_or_not() {
-        let set = set(&[descriptor("ranges", 1, 3, 2, ""), descriptor("depth", 2, 1, 17, ""), descriptor("valid", 3, 1, 8, "")]);
+        let set = set(&[
+            descriptor("ranges", 1, 3, 2, ""),
+            descriptor("depth", 2, 1, 17, ""),
+            descriptor("valid", 3, 1, 8, ""),
+        ]);
         let schema = Schema::parse("p.T", &set).expect("a schema");
         let one = 1.5f32.to_le_bytes();
         let packed = [sized(1, &[one, one].concat()), vec![2 << 3, 3]].concat();
         let value = schema.read(&packed).expect("a message");
-        assert_eq!((value.numbers("ranges"), value.integer("depth"), value.flag("valid")), (Some(vec![1.5, 1.5]), Some(-2), Some(false)));
+        assert_eq!(
+            (value.numbers("ranges"), value.integer("depth"), value.flag("valid")),
+            (Some(vec![1.5, 1.5]), Some(-2), Some(false))
+        );
         let loose = [&[1 << 3 | 5][..], &one, &[1 << 3 | 5], &one].concat();
         assert_eq!(schema.read(&loose).expect("a message").numbers("ranges"), Some(vec![1.5, 1.5]));
         assert!(schema.read(&packed[..5]).is_err());
@@ -346,7 +427,8 @@ mod tests {
 
     #[test]
     fn a_type_that_holds_itself_is_refused() {
-        let error = Schema::parse("p.T", &set(&[descriptor("again", 1, 1, 11, ".p.T")])).expect_err("recursion");
+        let error = Schema::parse("p.T", &set(&[descriptor("again", 1, 1, 11, ".p.T")]))
+            .expect_err("recursion");
         assert!(error.contains("holds itself"), "{error}");
     }
 }

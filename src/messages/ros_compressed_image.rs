@@ -1,5 +1,6 @@
-//! `sensor_msgs/CompressedImage`, `foxglove.CompressedImage`: JPEG, PNG or WebP. The bytes say which; the format string is believed only for
-//! what the pixels were before (`bayer_rggb8; jpeg compressed `: the mosaic itself went through JPEG).
+//! `sensor_msgs/CompressedImage`, `foxglove.CompressedImage`: JPEG, PNG or WebP. The bytes say
+//! which; the format string is believed only for what the pixels were before (`bayer_rggb8; jpeg
+//! compressed `: the mosaic itself went through JPEG).
 
 use super::{Value, layout::Layout, missing};
 use crate::image::EncodedImage;
@@ -14,5 +15,8 @@ pub fn decode<'v>(value: &'v Value<'_>) -> Result<EncodedImage<'v>, String> {
     if super::video::is_codec(format) {
         return Ok(EncodedImage::Video { codec: format });
     }
-    Ok(EncodedImage::Compressed { format, data: value.bytes("data").ok_or_else(|| missing("data"))? })
+    Ok(EncodedImage::Compressed {
+        format,
+        data: value.bytes("data").ok_or_else(|| missing("data"))?,
+    })
 }

@@ -1,6 +1,6 @@
-//! `sensor_msgs/Image`: pixels as they come off the sensor. Also bayer, also with a padded step, also big-endian.
-//! Definition: ros2/common_interfaces, `sensor_msgs/msg/Image.msg` and `image_encodings.hpp`. `foxglove.RawImage` is the
-//! same without `is_bigendian`: little-endian.
+//! `sensor_msgs/Image`: pixels as they come off the sensor. Also bayer, also with a padded step,
+//! also big-endian. Definition: ros2/common_interfaces, `sensor_msgs/msg/Image.msg` and
+//! `image_encodings.hpp`. `foxglove.RawImage` is the same without `is_bigendian`: little-endian.
 
 use super::{Value, layout::Layout, missing};
 use crate::image::EncodedImage;
@@ -10,7 +10,9 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 }
 
 pub fn decode<'v>(value: &'v Value<'_>) -> Result<EncodedImage<'v>, String> {
-    let size = |field: &str| value.integer(field).and_then(|v| usize::try_from(v).ok()).ok_or_else(|| missing(field));
+    let size = |field: &str| {
+        value.integer(field).and_then(|v| usize::try_from(v).ok()).ok_or_else(|| missing(field))
+    };
     Ok(EncodedImage::Raw {
         width: size("width")?,
         height: size("height")?,

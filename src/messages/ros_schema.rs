@@ -1,7 +1,8 @@
 //! `ros2msg` and `ros1msg` schema text → the layout of a message on the wire.
 //!
-//! The text of a channel's own schema decides how its bytes are read, never the type's name: one name
-//! (`ds_sensor_msgs/Dvl`) has two incompatible definitions in the field, and one shape has eight names.
+//! The text of a channel's own schema decides how its bytes are read, never the type's name: one
+//! name (`ds_sensor_msgs/Dvl`) has two incompatible definitions in the field, and one shape has
+//! eight names.
 
 use super::layout::{Definitions, Layout, Primitive, Written, WrittenField, build};
 
@@ -51,7 +52,10 @@ pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String>
         ("duration", &stamp),
     ] {
         if !definitions.contains_key(known) {
-            let fields = lines.iter().filter_map(|l| field(l, dialect).transpose()).collect::<Result<_, _>>()?;
+            let fields = lines
+                .iter()
+                .filter_map(|l| field(l, dialect).transpose())
+                .collect::<Result<_, _>>()?;
             definitions.insert(known.into(), fields);
         }
     }
@@ -62,8 +66,16 @@ pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String>
 fn resolve(definitions: &Definitions, base: &str, scope: &str) -> Option<String> {
     let base = short(base);
     let package = scope.split('/').next().unwrap_or("");
-    let candidates = [base.clone(), format!("{package}/{base}"), format!("std_msgs/{base}"), format!("builtin_interfaces/{base}")];
-    candidates.into_iter().find(|c| definitions.contains_key(c)).or_else(|| definitions.keys().find(|k| k.rsplit('/').next() == Some(&base)).cloned())
+    let candidates = [
+        base.clone(),
+        format!("{package}/{base}"),
+        format!("std_msgs/{base}"),
+        format!("builtin_interfaces/{base}"),
+    ];
+    candidates
+        .into_iter()
+        .find(|c| definitions.contains_key(c))
+        .or_else(|| definitions.keys().find(|k| k.rsplit('/').next() == Some(&base)).cloned())
 }
 
 /// `pkg/msg/Type` and `pkg/srv/Type` → `pkg/Type`.
@@ -79,7 +91,11 @@ fn short(name: &str) -> String {
 fn field(line: &str, dialect: Dialect) -> Result<Option<WrittenField>, String> {
     let line = line.split('#').next().unwrap_or("").trim();
     let Some((kind, rest)) = line.split_once(char::is_whitespace) else {
-        return if line.is_empty() { Ok(None) } else { Err(format!("the schema line {line:?} is no field")) };
+        return if line.is_empty() {
+            Ok(None)
+        } else {
+            Err(format!("the schema line {line:?} is no field"))
+        };
     };
     let rest = rest.trim();
     let name: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
@@ -96,13 +112,17 @@ fn field(line: &str, dialect: Dialect) -> Result<Option<WrittenField>, String> {
             let fixed = if size.is_empty() || size.starts_with("<=") {
                 None
             } else {
-                Some(size.parse().map_err(|e| format!("the array size in {line:?} is no number ({e})"))?)
+                Some(
+                    size.parse()
+                        .map_err(|e| format!("the array size in {line:?} is no number ({e})"))?,
+                )
             };
             (base, Some(fixed))
         }
     };
     let base = base.split("<=").next().unwrap_or(base);
-    let element = primitive(base, dialect).map_or_else(|| Written::Named(base.into()), Written::Primitive);
+    let element =
+        primitive(base, dialect).map_or_else(|| Written::Named(base.into()), Written::Primitive);
     let kind = match array {
         Some(size) => Written::Array(Box::new(element), size),
         None => element,
@@ -137,20 +157,29 @@ mod tests {
 
     #[test]
     fn arrays_constants_and_relative_names() {
-        let text =
-            "uint8 MODE=1\nHeader header\nBeam[] beams # four\nfloat64[3] v\nstring<=10 form \"a\"\n===\nMSG: p/Beam\nfloat64 distance\nbool valid\n";
+        let text = "uint8 MODE=1\nHeader header\nBeam[] beams # four\nfloat64[3] v\nstring<=10 \
+                    form \"a\"\n===\nMSG: p/Beam\nfloat64 distance\nbool valid\n";
         let layout = parse("p/msg/Dvl", text, Dialect::Ros2).expect("a layout");
-        assert!(layout.has("header.stamp.nanosec") && layout.has("beams.distance") && !layout.has("mode"));
-        assert_eq!(layout.type_at("v"), Some(&Type::Array(Box::new(Type::Primitive(Primitive::Float(8))), Some(3))));
+        assert!(
+            layout.has("header.stamp.nanosec")
+                && layout.has("beams.distance")
+                && !layout.has("mode")
+        );
+        assert_eq!(
+            layout.type_at("v"),
+            Some(&Type::Array(Box::new(Type::Primitive(Primitive::Float(8))), Some(3)))
+        );
         let layout = parse("p/Dvl", "Header header\ntime at\n", Dialect::Ros1).expect("a layout");
         assert!(layout.has("header.seq") && layout.has("at.sec"));
     }
 
     #[test]
     fn types_without_end_are_refused() {
-        let error = parse("p/A", "B b\n===\nMSG: p/B\nA a\n", Dialect::Ros2).expect_err("recursion");
+        let error =
+            parse("p/A", "B b\n===\nMSG: p/B\nA a\n", Dialect::Ros2).expect_err("recursion");
         assert!(error.contains("holds itself"), "{error}");
-        let chain: String = (0..100_000).map(|i| format!("T{} x\n===\nMSG: p/T{}\n", i + 1, i + 1)).collect();
+        let chain: String =
+            (0..100_000).map(|i| format!("T{} x\n===\nMSG: p/T{}\n", i + 1, i + 1)).collect();
         let error = parse("p/T0", &chain, Dialect::Ros2).expect_err("a chain");
         assert!(error.contains("nests"), "{error}");
     }

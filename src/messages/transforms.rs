@@ -10,10 +10,15 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 
 pub fn decode(value: &Value<'_>) -> Result<Vec<Edge>, String> {
     let list = value.list("transforms").ok_or_else(|| missing("transforms"))?;
-    let name = |v: &Value<'_>, path: &str| v.text(path).map(|s| String::from(s.trim_start_matches('/'))).ok_or_else(|| missing(path));
+    let name = |v: &Value<'_>, path: &str| {
+        v.text(path).map(|s| String::from(s.trim_start_matches('/'))).ok_or_else(|| missing(path))
+    };
     let edge = |v: &Value<'_>| {
         let t = v.xyz("transform.translation").ok_or_else(|| missing("transform.translation"))?;
-        let q = v.xyzw("transform.rotation").and_then(attitude).ok_or("a transform without a rotation")?;
+        let q = v
+            .xyzw("transform.rotation")
+            .and_then(attitude)
+            .ok_or("a transform without a rotation")?;
         let pose = nalgebra::Isometry3::from_parts(Vector3::from(t).into(), q);
         Ok(Edge { parent: name(v, "header.frame_id")?, child: name(v, "child_frame_id")?, pose })
     };

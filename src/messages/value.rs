@@ -1,7 +1,7 @@
 //! What a message says, whatever wrote it: a tree of named fields that borrows the message's bytes.
 //!
-//! Decoders ask by path (`"header.stamp.sec"`); names are compared without case and underscores, since
-//! ROS 1 says `K` where ROS 2 says `k`, and drivers rename at will.
+//! Decoders ask by path (`"header.stamp.sec"`); names are compared without case and underscores,
+//! since ROS 1 says `K` where ROS 2 says `k`, and drivers rename at will.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -45,9 +45,11 @@ impl<'a> Value<'a> {
     /// The value at a dotted path.
     pub fn get(&self, path: &str) -> Option<&Self> {
         path.split('.').try_fold(self, |value, name| match value {
-            Self::Record(fields) => {
-                fields.iter().find(|(n, _)| **n == *name).or_else(|| fields.iter().find(|(n, _)| same_name(n, name))).map(|(_, v)| v)
-            }
+            Self::Record(fields) => fields
+                .iter()
+                .find(|(n, _)| **n == *name)
+                .or_else(|| fields.iter().find(|(n, _)| same_name(n, name)))
+                .map(|(_, v)| v),
             _ => None,
         })
     }
@@ -126,7 +128,8 @@ impl<'a> Value<'a> {
     }
 }
 
-/// How many values one message may become: in proportion to its bytes, whatever its lengths and its schema claim.
+/// How many values one message may become: in proportion to its bytes, whatever its lengths and its
+/// schema claim.
 pub struct Budget(usize);
 
 impl Budget {
@@ -140,7 +143,10 @@ impl Budget {
     /// # Errors
     /// A sentence where nothing is left.
     pub fn spend(&mut self, values: usize) -> Result<(), String> {
-        self.0 = self.0.checked_sub(values).ok_or("the message claims more values than its size can hold")?;
+        self.0 = self
+            .0
+            .checked_sub(values)
+            .ok_or("the message claims more values than its size can hold")?;
         Ok(())
     }
 }

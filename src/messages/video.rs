@@ -1,5 +1,5 @@
-//! Video in messages: known, so that it can be refused with the remedy. A frame of it needs those before it, and a
-//! decoder that would be larger than all the rest of the program.
+//! Video in messages: known, so that it can be refused with the remedy. A frame of it needs those
+//! before it, and a decoder that would be larger than all the rest of the program.
 
 use super::{Value, layout::Layout, missing};
 use crate::image::EncodedImage;

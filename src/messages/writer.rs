@@ -1,4 +1,5 @@
-//! Values → bytes on the wire: little-endian CDR, ROS 1 serialisation, or protobuf, field by field in the order of the schema.
+//! Values → bytes on the wire: little-endian CDR, ROS 1 serialisation, or protobuf, field by field
+//! in the order of the schema.
 
 /// How added messages are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -7,7 +8,8 @@ pub enum OutputWire {
     Cdr,
     /// ROS 1: the same without header, alignment and NUL; headers have a number
     Ros1,
-    /// protobuf: a field's number is its place in the schema, where [`Writer::at`] says nothing else
+    /// protobuf: a field's number is its place in the schema, where [`Writer::at`] says nothing
+    /// else
     Protobuf,
 }
 
@@ -74,17 +76,29 @@ impl Writer {
 
     /// `uint32`
     pub fn u32(self, v: u32) -> Self {
-        if self.is_protobuf() { self.key(VARINT).varint(v.into()) } else { self.aligned(&v.to_le_bytes(), 4) }
+        if self.is_protobuf() {
+            self.key(VARINT).varint(v.into())
+        } else {
+            self.aligned(&v.to_le_bytes(), 4)
+        }
     }
 
     /// `uint32` that is `fixed32` in protobuf, as Foxglove's are
     pub fn fixed32(self, v: u32) -> Self {
-        if self.is_protobuf() { self.key(FIXED32).aligned(&v.to_le_bytes(), 1) } else { self.u32(v) }
+        if self.is_protobuf() {
+            self.key(FIXED32).aligned(&v.to_le_bytes(), 1)
+        } else {
+            self.u32(v)
+        }
     }
 
     /// `float64`
     pub fn f64(self, v: f64) -> Self {
-        if self.is_protobuf() { self.key(FIXED64).aligned(&v.to_le_bytes(), 1) } else { self.aligned(&v.to_le_bytes(), 8) }
+        if self.is_protobuf() {
+            self.key(FIXED64).aligned(&v.to_le_bytes(), 1)
+        } else {
+            self.aligned(&v.to_le_bytes(), 8)
+        }
     }
 
     /// Several fields of `float64`
@@ -109,14 +123,20 @@ impl Writer {
     /// `string`
     pub fn text(self, v: &str) -> Self {
         match self.wire {
-            OutputWire::Cdr => self.u32(v.len() as u32 + 1).aligned(v.as_bytes(), 1).aligned(&[0], 1),
+            OutputWire::Cdr => {
+                self.u32(v.len() as u32 + 1).aligned(v.as_bytes(), 1).aligned(&[0], 1)
+            }
             OutputWire::Ros1 | OutputWire::Protobuf => self.bytes(v.as_bytes()),
         }
     }
 
     /// `uint8[]`
     pub fn bytes(self, v: &[u8]) -> Self {
-        let counted = if self.is_protobuf() { self.key(SIZED).varint(v.len() as u64) } else { self.u32(v.len() as u32) };
+        let counted = if self.is_protobuf() {
+            self.key(SIZED).varint(v.len() as u64)
+        } else {
+            self.u32(v.len() as u32)
+        };
         counted.aligned(v, 1)
     }
 
@@ -124,14 +144,19 @@ impl Writer {
     pub fn time(self, sec: i32, nanosec: u32) -> Self {
         if self.is_protobuf() {
             // Negative seconds are sign-extended, as int64 is.
-            let inner = Self::new(OutputWire::Protobuf).key(VARINT).varint(i64::from(sec) as u64).key(VARINT).varint(nanosec.into());
+            let inner = Self::new(OutputWire::Protobuf)
+                .key(VARINT)
+                .varint(i64::from(sec) as u64)
+                .key(VARINT)
+                .varint(nanosec.into());
             self.bytes(&inner.finish())
         } else {
             self.aligned(&sec.to_le_bytes(), 4).aligned(&nanosec.to_le_bytes(), 4)
         }
     }
 
-    /// `std_msgs/Header`; in protobuf the fields `timestamp` and `frame_id`. ROS 1's number of the header is 0.
+    /// `std_msgs/Header`; in protobuf the fields `timestamp` and `frame_id`. ROS 1's number of the
+    /// header is 0.
     pub fn header(self, sec: i32, nanosec: u32, frame_id: &str) -> Self {
         let numbered = if self.wire == OutputWire::Ros1 { self.u32(0) } else { self };
         numbered.time(sec, nanosec).text(frame_id)

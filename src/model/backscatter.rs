@@ -1,16 +1,19 @@
-//! Light that the water scatters back on its way (paper §II-B, Eq. 5, 6), with the lamp where it is.
+//! Light that the water scatters back on its way (paper §II-B, Eq. 5, 6), with the lamp where it
+//! is.
 //!
 //! ```text
 //! B_Λ = b_Λ S_Λ        S_Λ = ∫₀^ℓ_s BP(θ, φ) / l² · e^(−a_Λ (l + s)) ds        l: strobe to the place s along the pixel's ray
 //! ```
 //!
-//! Eq. 5 has a field that is even along the ray and so depends on range alone; a strobe's is not, and its scattered
-//! light depends on where the strobe is: S is single scattering of the strobe's own beam (Jaffe 1990), of constant phase.
-//! Strobe and camera ride on one vehicle, so S is one function of ray and distance for a whole log: it is tabulated once.
-//! Directions of the beam that no frame showed (near the camera) carry the shown ones on as a Gaussian falls off, times
-//! η: their light is much the same in every frame, however high. The log tells η and ζ.
+//! Eq. 5 has a field that is even along the ray and so depends on range alone; a strobe's is not,
+//! and its scattered light depends on where the strobe is: S is single scattering of the strobe's
+//! own beam (Jaffe 1990), of constant phase. Strobe and camera ride on one vehicle, so S is one
+//! function of ray and distance for a whole log: it is tabulated once. Directions of the beam that
+//! no frame showed (near the camera) carry the shown ones on as a Gaussian falls off, times η:
+//! their light is much the same in every frame, however high. The log tells η and ζ.
 //!
-//! In: image-plane coordinates x/z, y/z of the ray and ℓ_s [m]. Out: light in the unit of `c / (r · light)` of Eq. 15.
+//! In: image-plane coordinates x/z, y/z of the ray and ℓ_s [m]. Out: light in the unit of `c / (r ·
+//! light)` of Eq. 15.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 
@@ -42,8 +45,9 @@ pub struct Backscatter {
     pub shape: [f64; SHAPES],
 }
 
-/// Numbers that shape S: η, light from directions of the beam that no frame showed, over what the Gaussian says; and ζ, how
-/// much more the water scatters sideways than backwards, over what Henyey and Greenstein say for g = 0.9.
+/// Numbers that shape S: η, light from directions of the beam that no frame showed, over what the
+/// Gaussian says; and ζ, how much more the water scatters sideways than backwards, over what Henyey
+/// and Greenstein say for g = 0.9.
 pub const SHAPES: usize = 2;
 
 /// η and ζ before anything is known of them; ocean water lies between even and Henyey-Greenstein.
@@ -74,7 +78,8 @@ impl Glow {
 
 impl Backscatter {
     /// Nothing, and nothing known of the unseen beam.
-    pub const NONE: Self = Self { strength_per_m: [0.0; 3], attenuation_per_m: [0.0; 3], shape: UNKNOWN_SHAPE };
+    pub const NONE: Self =
+        Self { strength_per_m: [0.0; 3], attenuation_per_m: [0.0; 3], shape: UNKNOWN_SHAPE };
 
     /// Moves the shape as far as it may.
     pub fn reshape(&mut self, step: [f64; SHAPES]) {
@@ -112,13 +117,23 @@ impl Frustum {
     /// The smallest that holds all of these rays (x/z, y/z, distance [m]).
     pub fn around(rays: impl Iterator<Item = (f64, f64, f64)>) -> Self {
         let empty = Self { x: (0.0, 0.0), y: (0.0, 0.0), farthest_m: 0.0 };
-        rays.fold(empty, |f, (x, y, s)| Self { x: (f.x.0.min(x), f.x.1.max(x)), y: (f.y.0.min(y), f.y.1.max(y)), farthest_m: f.farthest_m.max(s) })
+        rays.fold(empty, |f, (x, y, s)| Self {
+            x: (f.x.0.min(x), f.x.1.max(x)),
+            y: (f.y.0.min(y), f.y.1.max(y)),
+            farthest_m: f.farthest_m.max(s),
+        })
     }
 }
 
 impl GlowTable {
     /// Integrates along every ray.
-    pub fn new(beam: &BeamPattern, body_from_optical: Transform<Body, Optical>, lamps: &Lamps, attenuation_per_m: &Bands, frustum: Frustum) -> Self {
+    pub fn new(
+        beam: &BeamPattern,
+        body_from_optical: Transform<Body, Optical>,
+        lamps: &Lamps,
+        attenuation_per_m: &Bands,
+        frustum: Frustum,
+    ) -> Self {
         let intensity = Intensity::new(beam);
         let of_lamp = |(pose, share): (nalgebra::Isometry3<f64>, f64)| {
             let optical_from_lamp = body_from_optical.inverse().isometry() * pose;
@@ -128,8 +143,15 @@ impl GlowTable {
         let mut values = Vec::with_capacity(RAYS.0 * RAYS.1 * DISTANCES);
         for row in 0..RAYS.1 {
             for column in 0..RAYS.0 {
-                let between = |(a, b): (f64, f64), i: usize, n: usize| a + (b - a) * i as f64 / (n - 1) as f64;
-                let ray = Vector3::new(between(frustum.x, column, RAYS.0), between(frustum.y, row, RAYS.1), 1.0).normalize();
+                let between = |(a, b): (f64, f64), i: usize, n: usize| {
+                    a + (b - a) * i as f64 / (n - 1) as f64
+                };
+                let ray = Vector3::new(
+                    between(frustum.x, column, RAYS.0),
+                    between(frustum.y, row, RAYS.1),
+                    1.0,
+                )
+                .normalize();
                 let mut sums = [[0.0; 3]; 1 + SHAPES];
                 values.push([[0.0; 3]; 1 + SHAPES]);
                 for k in 1..DISTANCES {
@@ -139,7 +161,8 @@ impl GlowTable {
                         let s = from + (i as f64 + 0.5) * step;
                         for (lamp, lamp_from_optical, share) in &lamps {
                             let from_lamp = ray * s - lamp;
-                            let (intensity, is_seen) = intensity.towards(&(lamp_from_optical * from_lamp));
+                            let (intensity, is_seen) =
+                                intensity.towards(&(lamp_from_optical * from_lamp));
                             let l = from_lamp.norm();
                             let lit = share * intensity / l.max(LEAST_DISTANCE_M).powi(2) * step;
                             // Light comes along from_lamp and leaves against the ray.
@@ -165,8 +188,13 @@ impl GlowTable {
             let i = (at as usize).min(n - 2);
             (i, (at - i as f64) as f32)
         };
-        let ((column, p), (row, q)) = (place(x, self.frustum.x, RAYS.0), place(y, self.frustum.y, RAYS.1));
-        let (k, share) = place((seafloor_to_camera_m / self.frustum.farthest_m.max(1e-12)).max(0.0).sqrt(), (0.0, 1.0), DISTANCES);
+        let ((column, p), (row, q)) =
+            (place(x, self.frustum.x, RAYS.0), place(y, self.frustum.y, RAYS.1));
+        let (k, share) = place(
+            (seafloor_to_camera_m / self.frustum.farthest_m.max(1e-12)).max(0.0).sqrt(),
+            (0.0, 1.0),
+            DISTANCES,
+        );
         let mut parts = [[0.0; 3]; 1 + SHAPES];
         for (ray, weight) in [
             ((row, column), (1.0 - p) * (1.0 - q)),
@@ -175,8 +203,12 @@ impl GlowTable {
             ((row + 1, column + 1), p * q),
         ] {
             let at = (ray.0 * RAYS.0 + ray.1) * DISTANCES + k;
-            for (part, (near, far)) in parts.iter_mut().zip(self.values[at].iter().zip(&self.values[at + 1])) {
-                (0..3).for_each(|b| part[b] += f64::from(weight * (near[b] + (far[b] - near[b]) * share)));
+            for (part, (near, far)) in
+                parts.iter_mut().zip(self.values[at].iter().zip(&self.values[at + 1]))
+            {
+                (0..3).for_each(|b| {
+                    part[b] += f64::from(weight * (near[b] + (far[b] - near[b]) * share))
+                });
             }
         }
         Glow { even: parts[0], shaped: [parts[1], parts[2]] }
@@ -196,7 +228,8 @@ impl Frustum {
     }
 }
 
-/// BP, carried on where it was never seen: from its own edge outwards, falling off as a Gaussian fitted to all of it does.
+/// BP, carried on where it was never seen: from its own edge outwards, falling off as a Gaussian
+/// fitted to all of it does.
 struct Intensity<'b> {
     beam: &'b BeamPattern,
     /// every node's log BP
@@ -213,7 +246,10 @@ fn terms(a: &StrobeAngles) -> SVector<f64, 6> {
 impl<'b> Intensity<'b> {
     fn new(beam: &'b BeamPattern) -> Self {
         let nodes = beam.nodes();
-        let angles = |index: usize| StrobeAngles { theta_rad: nodes.angle(index / nodes.count), phi_rad: nodes.angle(index % nodes.count) };
+        let angles = |index: usize| StrobeAngles {
+            theta_rad: nodes.angle(index / nodes.count),
+            phi_rad: nodes.angle(index % nodes.count),
+        };
         let by_node = beam.by_node();
         let mut normal = SMatrix::<f64, 6, 6>::identity() * 1e-6;
         let mut right = SVector::<f64, 6>::zeros();
@@ -225,13 +261,24 @@ impl<'b> Intensity<'b> {
         }
         let mut gaussian = normal.cholesky().map_or_else(SVector::zeros, |c| c.solve(&right));
         // What was seen of a wide beam may curve upwards; no lamp does so all around.
-        let curvature = Matrix2::new(2.0 * gaussian[3], gaussian[4], gaussian[4], 2.0 * gaussian[5]).symmetric_eigen();
+        let curvature =
+            Matrix2::new(2.0 * gaussian[3], gaussian[4], gaussian[4], 2.0 * gaussian[5])
+                .symmetric_eigen();
         let held = curvature.eigenvalues.map(|v| v.min(-1.0 / (WIDEST_RAD * WIDEST_RAD)));
-        let curvature = curvature.eigenvectors * Matrix2::from_diagonal(&held) * curvature.eigenvectors.transpose();
-        (gaussian[3], gaussian[4], gaussian[5]) = (curvature[(0, 0)] / 2.0, curvature[(0, 1)], curvature[(1, 1)] / 2.0);
-        let rough: Vec<f64> = (0..by_node.len()).map(|index| gaussian.dot(&terms(&angles(index)))).collect();
-        let beyond: Vec<Option<f64>> = by_node.iter().zip(&rough).map(|(v, rough)| v.map(|v| v - rough)).collect();
-        let carried_on = filled(nodes.count, &beyond).iter().zip(&rough).map(|(d, rough)| (d + rough).min(0.0)).collect();
+        let curvature = curvature.eigenvectors
+            * Matrix2::from_diagonal(&held)
+            * curvature.eigenvectors.transpose();
+        (gaussian[3], gaussian[4], gaussian[5]) =
+            (curvature[(0, 0)] / 2.0, curvature[(0, 1)], curvature[(1, 1)] / 2.0);
+        let rough: Vec<f64> =
+            (0..by_node.len()).map(|index| gaussian.dot(&terms(&angles(index)))).collect();
+        let beyond: Vec<Option<f64>> =
+            by_node.iter().zip(&rough).map(|(v, rough)| v.map(|v| v - rough)).collect();
+        let carried_on = filled(nodes.count, &beyond)
+            .iter()
+            .zip(&rough)
+            .map(|(d, rough)| (d + rough).min(0.0))
+            .collect();
         Self { beam, carried_on, gaussian }
     }
 
@@ -247,14 +294,20 @@ impl<'b> Intensity<'b> {
             at_edge
         } else {
             let held = |a: f64| a.clamp(-nodes.limit_rad, nodes.limit_rad);
-            let edge = StrobeAngles { theta_rad: held(angles.theta_rad), phi_rad: held(angles.phi_rad) };
+            let edge =
+                StrobeAngles { theta_rad: held(angles.theta_rad), phi_rad: held(angles.phi_rad) };
             at_edge + self.gaussian.dot(&(terms(&angles) - terms(&edge))).min(0.0)
         };
         (log_gain.exp(), self.beam.is_seen(angles))
     }
 
     fn log_gain(&self, angles: StrobeAngles) -> f64 {
-        self.beam.nodes().weights(angles).iter().map(|(node, weight)| self.carried_on[*node] * weight).sum()
+        self.beam
+            .nodes()
+            .weights(angles)
+            .iter()
+            .map(|(node, weight)| self.carried_on[*node] * weight)
+            .sum()
     }
 }
 
@@ -263,12 +316,19 @@ mod tests {
     use super::*;
     use crate::model::Nodes;
 
-    /// Against the integral in closed form: lamp at the camera, even beam, no water: ∫ ds/s² from where the lamp ends.
+    /// Against the integral in closed form: lamp at the camera, even beam, no water: ∫ ds/s² from
+    /// where the lamp ends.
     #[test]
     fn the_table_holds_the_integral() {
         let beam = BeamPattern::uniform(Nodes::new(41, 70.0));
         let frustum = Frustum { x: (-0.5, 0.5), y: (-0.4, 0.4), farthest_m: 5.0 };
-        let table = GlowTable::new(&beam, Transform::identity(), &Lamps::one(Transform::identity()), &[0.0; 3], frustum);
+        let table = GlowTable::new(
+            &beam,
+            Transform::identity(),
+            &Lamps::one(Transform::identity()),
+            &[0.0; 3],
+            frustum,
+        );
         let ought = |s: f64| 1.0 / LEAST_DISTANCE_M + (1.0 / LEAST_DISTANCE_M - 1.0 / s);
         for s in [0.5, 1.7, 4.3] {
             let is = table.at(0.13, -0.21, s).of_band(0, &[1.0, 0.0]);
@@ -283,7 +343,9 @@ mod tests {
             frustum,
         );
         let (s, l) = (3.05f64, (3.05f64.powi(2) + 0.64).sqrt());
-        let slope = (beside.at(0.0, 0.0, 3.1).of_band(1, &[1.0, 0.0]) - beside.at(0.0, 0.0, 3.0).of_band(1, &[1.0, 0.0])) / 0.1;
+        let slope = (beside.at(0.0, 0.0, 3.1).of_band(1, &[1.0, 0.0])
+            - beside.at(0.0, 0.0, 3.0).of_band(1, &[1.0, 0.0]))
+            / 0.1;
         assert!((slope / ((-0.1 * (s + l)).exp() / (l * l)) - 1.0).abs() < 0.03, "{slope}");
     }
 }

@@ -52,7 +52,11 @@ mod tests {
 
     #[test]
     fn it_is_linear_between_nodes_and_constant_beyond() {
-        let node = |stamp_ns, alpha| TimeNode { stamp_ns, attenuation_per_m: vec![alpha], attenuation_std_per_m: vec![0.0] };
+        let node = |stamp_ns, alpha| TimeNode {
+            stamp_ns,
+            attenuation_per_m: vec![alpha],
+            attenuation_std_per_m: vec![0.0],
+        };
         let over_time = AttenuationOverTime(vec![node(100, 0.2), node(200, 0.4)]);
         let at = |t| over_time.at(Stamp(t)).expect("nodes")[0];
         assert!((at(125) - 0.25).abs() < 1e-12);

@@ -1,12 +1,16 @@
 //! `model.json`: an [`ImagingModel`] as a small readable file, with what led to it.
 //!
-//! One can estimate on one dive and correct another. Keys may be added; those there keep their meaning.
+//! One can estimate on one dive and correct another. Keys may be added; those there keep their
+//! meaning.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{AttenuationOverTime, Backscatter, BeamPattern, ImagingModel, LightSettingFile, Nodes, SHAPES, SpreadingModel};
+use super::{
+    AttenuationOverTime, Backscatter, BeamPattern, ImagingModel, LightSettingFile, Nodes, SHAPES,
+    SpreadingModel,
+};
 use crate::config::{Method, Spreading};
 
 /// The value of `format`.
@@ -74,7 +78,8 @@ pub struct StrobeFile {
     pub position_in_optical_m: [f64; 3],
     /// turn, optical_from_strobe, as a quaternion x, y, z, w
     pub rotation_xyzw: [f64; 4],
-    /// the TF frame or file it came from, or `found`, `refined`, `camera` (nothing better was known)
+    /// the TF frame or file it came from, or `found`, `refined`, `camera` (nothing better was
+    /// known)
     pub source: String,
     /// standard deviation of the place along the vehicle's axes, where it was searched for [m]
     pub position_std_m: Option<[f64; 3]>,
@@ -104,7 +109,8 @@ pub struct RenderingFile {
     pub method: Method,
     /// output = gain × corrected light, per band; exposure and white balance in one
     pub gain: Vec<f64>,
-    /// median over the log of the factor each pixel is multiplied by before `gain`, per band (the cap refers to it)
+    /// median over the log of the factor each pixel is multiplied by before `gain`, per band (the
+    /// cap refers to it)
     pub median_correction: Vec<f64>,
     /// light above this is bent towards white in 8-bit pictures; cut off at white where absent
     #[serde(default)]
@@ -128,7 +134,8 @@ pub struct InputFile {
     pub frames: usize,
 }
 
-/// What fits the log's light better than the camera's clock and the range instrument's mount as they were given.
+/// What fits the log's light better than the camera's clock and the range instrument's mount as
+/// they were given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MountCheckFile {
     /// to add to the camera's stamps [s]
@@ -146,13 +153,15 @@ pub struct MountCheckFile {
 /// Light that the water scatters back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BackscatterFile {
-    /// b: scattered light over a white seafloor's, per metre of lit water, in the unit of the log's light [1/m]
+    /// b: scattered light over a white seafloor's, per metre of lit water, in the unit of the log's
+    /// light [1/m]
     pub strength_per_m: Vec<f64>,
     /// its standard deviation [1/m]
     pub strength_std_per_m: Vec<f64>,
     /// the attenuation it is subject to [1/m]
     pub attenuation_per_m: Vec<f64>,
-    /// η and ζ: light from directions of the beam that no frame showed, and light scattered sideways (docs/method.md)
+    /// η and ζ: light from directions of the beam that no frame showed, and light scattered
+    /// sideways (docs/method.md)
     pub shape: [f64; SHAPES],
     /// median share of it in the light of tracked points
     pub median_share: Vec<f64>,
@@ -228,18 +237,32 @@ impl BeamPatternFile {
     /// Writes a pattern down, to six decimals.
     pub fn of(beam: &BeamPattern) -> Self {
         let nodes = beam.nodes();
-        let angles: Vec<f64> = (0..nodes.count).map(|i| rounded(nodes.angle(i).to_degrees())).collect();
-        let log_gain = beam.by_node().chunks(nodes.count).map(|row| row.iter().map(|v| v.map(rounded)).collect()).collect();
+        let angles: Vec<f64> =
+            (0..nodes.count).map(|i| rounded(nodes.angle(i).to_degrees())).collect();
+        let log_gain = beam
+            .by_node()
+            .chunks(nodes.count)
+            .map(|row| row.iter().map(|v| v.map(rounded)).collect())
+            .collect();
         Self { theta_deg: angles.clone(), phi_deg: angles, log_gain }
     }
 
     fn pattern(&self) -> Result<BeamPattern, String> {
         let count = self.theta_deg.len();
-        let square = count >= 2 && self.phi_deg == self.theta_deg && self.log_gain.len() == count && self.log_gain.iter().all(|r| r.len() == count);
-        let (Some(first), Some(last)) = (self.theta_deg.first(), self.theta_deg.last()) else { return Err("the beam pattern is empty".into()) };
-        let even = self.theta_deg.iter().enumerate().all(|(i, a)| (a - (first + (last - first) * i as f64 / (count - 1) as f64)).abs() < 1e-3);
+        let square = count >= 2
+            && self.phi_deg == self.theta_deg
+            && self.log_gain.len() == count
+            && self.log_gain.iter().all(|r| r.len() == count);
+        let (Some(first), Some(last)) = (self.theta_deg.first(), self.theta_deg.last()) else {
+            return Err("the beam pattern is empty".into());
+        };
+        let even = self.theta_deg.iter().enumerate().all(|(i, a)| {
+            (a - (first + (last - first) * i as f64 / (count - 1) as f64)).abs() < 1e-3
+        });
         if !square || !even || (first + last).abs() > 1e-3 || *last <= 0.0 {
-            return Err("the beam pattern is not a square grid, evenly spaced and symmetric about 0°".into());
+            return Err("the beam pattern is not a square grid, evenly spaced and symmetric \
+                        about 0°"
+                .into());
         }
         let values: Vec<Option<f64>> = self.log_gain.iter().flatten().copied().collect();
         Ok(BeamPattern::from_nodes(Nodes::new(count, *last), &values))
@@ -262,20 +285,37 @@ impl ModelFile {
     pub fn from_json(text: &str) -> Result<Self, String> {
         let file: Self = serde_json::from_str(text).map_err(|e| e.to_string())?;
         if file.format != FORMAT || file.version != 1 {
-            return Err(format!("format {:?} version {} is not {FORMAT:?} version 1", file.format, file.version));
+            return Err(format!(
+                "format {:?} version {} is not {FORMAT:?} version 1",
+                file.format, file.version
+            ));
         }
         let bands = file.attenuation_per_m.len();
-        let finite = file.attenuation_per_m.iter().chain(&file.rendering.gain).all(|v| v.is_finite());
-        if !matches!(bands, 1 | 3) || file.rendering.gain.len() != bands || file.rendering.median_correction.len() != bands || !finite {
+        let finite =
+            file.attenuation_per_m.iter().chain(&file.rendering.gain).all(|v| v.is_finite());
+        if !matches!(bands, 1 | 3)
+            || file.rendering.gain.len() != bands
+            || file.rendering.median_correction.len() != bands
+            || !finite
+        {
             return Err(format!(
-                "attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 finite numbers",
+                "attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 \
+                 finite numbers",
                 file.rendering.gain.len()
             ));
         }
-        if file.rendering.gain.iter().chain(&file.rendering.median_correction).any(|g| *g <= 0.0 || !g.is_finite()) {
+        if file
+            .rendering
+            .gain
+            .iter()
+            .chain(&file.rendering.median_correction)
+            .any(|g| *g <= 0.0 || !g.is_finite())
+        {
             return Err("rendering.gain and rendering.median_correction must be above 0".into());
         }
-        if let Some(alpha) = file.attenuation_per_m.iter().find(|a| a.abs() > MOST_ATTENUATION_PER_M) {
+        if let Some(alpha) =
+            file.attenuation_per_m.iter().find(|a| a.abs() > MOST_ATTENUATION_PER_M)
+        {
             return Err(format!("attenuation_per_m = {alpha} is that of no water"));
         }
         file.imaging_model()?;
@@ -287,9 +327,12 @@ impl ModelFile {
     /// # Errors
     /// A sentence about the beam pattern.
     pub fn imaging_model(&self) -> Result<ImagingModel, String> {
-        let bands = |values: &[f64]| std::array::from_fn(|b| values.get(b).copied().unwrap_or_default());
-        let spreading =
-            self.spreading_exponents.map_or_else(|| SpreadingModel::of(self.spreading), |[a, s]| SpreadingModel { strobe_leg: a, camera_leg: s });
+        let bands =
+            |values: &[f64]| std::array::from_fn(|b| values.get(b).copied().unwrap_or_default());
+        let spreading = self.spreading_exponents.map_or_else(
+            || SpreadingModel::of(self.spreading),
+            |[a, s]| SpreadingModel { strobe_leg: a, camera_leg: s },
+        );
         Ok(ImagingModel {
             bands: self.attenuation_per_m.len(),
             attenuation_per_m: bands(&self.attenuation_per_m),
@@ -308,8 +351,12 @@ impl ModelFile {
     /// α ± its standard deviation per band, for people.
     pub fn attenuation_text(&self) -> String {
         let std = |s: &Option<f64>| s.map_or_else(|| "?".into(), |s| format!("{s:.4}"));
-        let values: Vec<String> =
-            self.attenuation_per_m.iter().zip(&self.attenuation_std_per_m).map(|(a, s)| format!("{a:.4} ± {}", std(s))).collect();
+        let values: Vec<String> = self
+            .attenuation_per_m
+            .iter()
+            .zip(&self.attenuation_std_per_m)
+            .map(|(a, s)| format!("{a:.4} ± {}", std(s)))
+            .collect();
         values.join(" / ")
     }
 

@@ -1,4 +1,5 @@
-//! How a setting of camera or strobe acts on the light: as a factor (exposure time, linear gain, power) or in decibels.
+//! How a setting of camera or strobe acts on the light: as a factor (exposure time, linear gain,
+//! power) or in decibels.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +22,8 @@ impl LightLaw {
         }
     }
 
-    /// Log of the light at a setting, up to a constant; `None` where the law does not allow the number.
+    /// Log of the light at a setting, up to a constant; `None` where the law does not allow the
+    /// number.
     pub fn log_light(self, value: f64) -> Option<f64> {
         match self {
             Self::Factor => (value > 0.0).then(|| value.ln()),
@@ -46,6 +48,9 @@ pub struct LightSettingFile {
 impl LightSettingFile {
     /// Log of the light at a setting over that at the reference.
     pub fn log_gain(&self, value: f64) -> f64 {
-        self.law.log_light(value).zip(self.law.log_light(self.reference)).map_or(0.0, |(v, r)| v - r)
+        self.law
+            .log_light(value)
+            .zip(self.law.log_light(self.reference))
+            .map_or(0.0, |(v, r)| v - r)
     }
 }

@@ -1,16 +1,19 @@
-//! The image formation model, forwards and backwards (paper §II-A, II-C, II-G, IV-A; Eq. 1, 4, 10, 15).
+//! The image formation model, forwards and backwards (paper §II-A, II-C, II-G, IV-A; Eq. 1, 4, 10,
+//! 15).
 //!
 //! ```text
 //! log c_Λ = log r_Λ + log BP(θ, φ) − α_Λ (ℓ_a + ℓ_s) − p_a log ℓ_a − p_s log ℓ_s + log cos γ    Eq. 15
 //! ```
 //!
-//! p_a = 2, p_s = 0 (`strobe`): the strobe's light falls with 1/ℓ_a² (Eq. 4). The paper drops spreading
-//! (`none`) or prints it on both legs (`paper`); for a surface larger than a pixel the camera's leg has none,
-//! as the pixel's footprint grows while the irradiance falls. Without spreading α swallows it: the corrected
-//! pictures still look right, so α is called *effective* then and *physical* otherwise.
+//! p_a = 2, p_s = 0 (`strobe`): the strobe's light falls with 1/ℓ_a² (Eq. 4). The paper drops
+//! spreading (`none`) or prints it on both legs (`paper`); for a surface larger than a pixel the
+//! camera's leg has none, as the pixel's footprint grows while the irradiance falls. Without
+//! spreading α swallows it: the corrected pictures still look right, so α is called *effective*
+//! then and *physical* otherwise.
 //!
-//! In: light paths [m, rad]. Out: logarithms of relative light. The gain G and the lens L of Eq. 10 are
-//! constant over a log and end in its one exposure. What the water scatters back (Eq. 5, 6) is taken off before: `backscatter`.
+//! In: light paths [m, rad]. Out: logarithms of relative light. The gain G and the lens L of Eq. 10
+//! are constant over a log and end in its one exposure. What the water scatters back (Eq. 5, 6) is
+//! taken off before: `backscatter`.
 
 mod backscatter;
 mod beam_pattern;
@@ -22,8 +25,8 @@ pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
 pub use beam_pattern::{BeamPattern, Nodes};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use file::{
-    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, ImageAnswer, InputFile, LampFile, ModelFile, MountCheckFile,
-    RenderingFile, StrobeFile,
+    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, ImageAnswer,
+    InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
 };
 pub use light_setting::{LightLaw, LightSettingFile};
 
@@ -53,7 +56,8 @@ impl SpreadingModel {
 
     /// Its logarithm for a path.
     pub fn log_light(self, path: &LightPath) -> f64 {
-        -self.strobe_leg * path.strobe_to_seafloor_m.ln() - self.camera_leg * path.seafloor_to_camera_m.ln()
+        -self.strobe_leg * path.strobe_to_seafloor_m.ln()
+            - self.camera_leg * path.seafloor_to_camera_m.ln()
     }
 }
 
@@ -79,7 +83,10 @@ pub struct ImagingModel {
 impl ImagingModel {
     /// The model as it stands at one time.
     pub fn at(&self, stamp: Stamp) -> Self {
-        Self { attenuation_per_m: self.over_time.at(stamp).unwrap_or(self.attenuation_per_m), ..self.clone() }
+        Self {
+            attenuation_per_m: self.over_time.at(stamp).unwrap_or(self.attenuation_per_m),
+            ..self.clone()
+        }
     }
 
     /// Logarithm of all that geometry alone decides: spreading and incidence.
@@ -87,14 +94,18 @@ impl ImagingModel {
         log_geometry(self.spreading, self.incidence, path)
     }
 
-    /// Logarithm of what the water took of one band: −α ℓ.                                     Eq. 1
+    /// Logarithm of what the water took of one band: −α ℓ.                                     Eq.
+    /// 1
     pub fn log_water(&self, path: &LightPath, band: usize) -> f64 {
         -self.attenuation_per_m[band] * path.length_m()
     }
 
-    /// Logarithm of the light that a white seafloor would send back in one band.                Eq. 15
+    /// Logarithm of the light that a white seafloor would send back in one band.                Eq.
+    /// 15
     pub fn log_light(&self, path: &LightPath, band: usize) -> f64 {
-        let by = |p: &LightPath| self.beam_pattern.log_gain(p.angles) + self.log_water(p, band) + self.log_geometry(p);
+        let by = |p: &LightPath| {
+            self.beam_pattern.log_gain(p.angles) + self.log_water(p, band) + self.log_geometry(p)
+        };
         match path.legs() {
             [] => by(path),
             legs => log_sum(legs.iter().map(|leg| leg.share.ln() + by(&path.by(leg)))),

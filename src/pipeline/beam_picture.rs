@@ -1,4 +1,5 @@
-//! The beam pattern as a picture with axes (the paper's Fig. 9): brighter is more light, grey was never seen.
+//! The beam pattern as a picture with axes (the paper's Fig. 9): brighter is more light, grey was
+//! never seen.
 
 use crate::draw::{Canvas, Ramp};
 use crate::geometry::StrobeAngles;
@@ -6,7 +7,8 @@ use crate::model::BeamPattern;
 
 /// Of the pattern itself [px].
 const SIDE: usize = 320;
-/// Left of it and below it, where the axes' words stand, and beside it, where the scale stands [px].
+/// Left of it and below it, where the axes' words stand, and beside it, where the scale stands
+/// [px].
 const MARGIN: usize = 44;
 const TICK_DEG: f64 = 30.0;
 const SCALE_WIDTH: i64 = 12;
@@ -21,7 +23,8 @@ pub fn png(beam: &BeamPattern) -> Vec<u8> {
     let (left, top, side) = (MARGIN as i64, (MARGIN / 2) as i64, SIDE as i64);
     let angle = |i: i64| (2.0 * (i as f64 + 0.5) / SIDE as f64 - 1.0) * limit;
     for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
-        let (log_gain, is_seen) = beam.read(StrobeAngles { theta_rad: angle(y), phi_rad: angle(x) });
+        let (log_gain, is_seen) =
+            beam.read(StrobeAngles { theta_rad: angle(y), phi_rad: angle(x) });
         canvas.set(left + x, top + y, if is_seen { Ramp::Warm.at(log_gain.exp()) } else { UNSEEN });
     }
     let width = |text: &str| Canvas::text_width(text, 1) as i64;
@@ -40,10 +43,17 @@ pub fn png(beam: &BeamPattern) -> Vec<u8> {
     canvas.text((2, top - 14), 1, INK, down);
     canvas.text((2, top - 3), 1, INK, "[°]");
     let scale = left + side + 14;
-    (0..side).for_each(|y| canvas.fill((scale, top + y), (SCALE_WIDTH, 1), Ramp::Warm.at(1.0 - y as f64 / SIDE as f64)));
+    (0..side).for_each(|y| {
+        canvas.fill((scale, top + y), (SCALE_WIDTH, 1), Ramp::Warm.at(1.0 - y as f64 / SIDE as f64))
+    });
     for quarter in 0..=4 {
         let at = top + side * quarter / 4;
-        canvas.text((scale + SCALE_WIDTH + 5, at - 4), 1, INK, &format!("{:.2}", 1.0 - quarter as f64 / 4.0));
+        canvas.text(
+            (scale + SCALE_WIDTH + 5, at - 4),
+            1,
+            INK,
+            &format!("{:.2}", 1.0 - quarter as f64 / 4.0),
+        );
     }
     canvas.text((scale, top + side + 7), 1, INK, "gain");
     canvas.fill((scale, top + side + 22), (9, 9), UNSEEN);

@@ -1,5 +1,5 @@
-//! Frames on the bench: one camera of a log, its frames decoded and corrected singly and in any way. Pages, sheets and
-//! mosaics look at frames so; a run does not.
+//! Frames on the bench: one camera of a log, its frames decoded and corrected singly and in any
+//! way. Pages, sheets and mosaics look at frames so; a run does not.
 
 use std::collections::BTreeSet;
 
@@ -62,24 +62,47 @@ impl Bench {
     /// The model's beam pattern cannot be read.
     pub fn new(mut log: Prepared, file: ModelFile, config: Config, threads: usize) -> Result<Self> {
         log.survey.rig.strobe = strobe_of(&file, &log.survey.rig);
-        log.survey.white_level = config.light.white_level.or(file.rendering.white_level).or(log.survey.white_level);
+        log.survey.white_level =
+            config.light.white_level.or(file.rendering.white_level).or(log.survey.white_level);
         let model = file.imaging_model().map_err(Error::Usage)?;
-        let fine = ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
+        let fine = ImagingModel {
+            beam_pattern: model.beam_pattern.refined(BEAM_REFINED),
+            ..model.clone()
+        };
         let roughness = fine.beam_pattern.roughness(BEAM_ROUGHEST);
-        Ok(Self { log, file, config, model, fine: (fine, roughness), threads: Threads::new(threads) })
+        Ok(Self {
+            log,
+            file,
+            config,
+            model,
+            fine: (fine, roughness),
+            threads: Threads::new(threads),
+        })
     }
 
-    /// Does some work on each of the chosen frames, on all cores, and hands on what comes of it in the order of the frames.
-    /// Frames that cannot be decoded or have no floor are left out.
+    /// Does some work on each of the chosen frames, on all cores, and hands on what comes of it in
+    /// the order of the frames. Frames that cannot be decoded or have no floor are left out.
     ///
     /// # Errors
     /// The file cannot be read.
-    pub fn each<R: Send>(&self, chosen: &BTreeSet<usize>, work: impl Fn(BenchFrame) -> R + Sync + Send, mut sink: impl FnMut(R)) -> Result<()> {
+    pub fn each<R: Send>(
+        &self,
+        chosen: &BTreeSet<usize>,
+        work: impl Fn(BenchFrame) -> R + Sync + Send,
+        mut sink: impl FnMut(R),
+    ) -> Result<()> {
         let work = |(index, message): (usize, Message)| self.frame(index, &message).map(&work);
-        for_frames(&self.log.recording, &self.log.survey.frames, chosen, &self.threads, work, |result| {
-            result.into_iter().for_each(&mut sink);
-            Ok(())
-        })
+        for_frames(
+            &self.log.recording,
+            &self.log.survey.frames,
+            chosen,
+            &self.threads,
+            work,
+            |result| {
+                result.into_iter().for_each(&mut sink);
+                Ok(())
+            },
+        )
     }
 
     fn frame(&self, index: usize, message: &Message) -> Option<BenchFrame> {
@@ -92,46 +115,89 @@ impl Bench {
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &self.config.seafloor).ok()?;
         let relief = survey.pings.relief(stamp, &plane, &survey.rig);
-        let camera = survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height)?;
-        Some(BenchFrame { index, stamp, log_time: message.log_time, image: picture.image, message: message.clone(), camera, plane, relief })
+        let camera =
+            survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height)?;
+        Some(BenchFrame {
+            index,
+            stamp,
+            log_time: message.log_time,
+            image: picture.image,
+            message: message.clone(),
+            camera,
+            plane,
+            relief,
+        })
     }
 
     fn light(&self) -> Light<'_> {
         let survey = &self.log.survey;
-        Light { transfer: self.config.light.transfer, white_level: survey.white_level, response: survey.response.as_ref() }
+        Light {
+            transfer: self.config.light.transfer,
+            white_level: survey.white_level,
+            response: survey.response.as_ref(),
+        }
     }
 
     /// A frame's geometry.
     pub fn view<'f>(&'f self, frame: &'f BenchFrame) -> View<'f> {
-        View { camera: &frame.camera, rig: &self.log.survey.rig, plane: &frame.plane, relief: frame.relief.as_ref() }
+        View {
+            camera: &frame.camera,
+            rig: &self.log.survey.rig,
+            plane: &frame.plane,
+            relief: frame.relief.as_ref(),
+        }
     }
 
     /// A frame's samples, with keypoints where they are wanted.
     pub fn samples(&self, frame: &BenchFrame, with_keypoints: bool) -> FrameSamples {
         let of = (frame.index, frame.stamp);
-        samples(of, &frame.image, &self.view(frame), with_keypoints.then_some(f64::INFINITY), &self.config.matching, &self.config.estimate)
+        samples(
+            of,
+            &frame.image,
+            &self.view(frame),
+            with_keypoints.then_some(f64::INFINITY),
+            &self.config.matching,
+            &self.config.estimate,
+        )
     }
 
     /// Log colours over a coarse grid of a frame, and the light's way to each.
     pub fn lit(&self, frame: &BenchFrame) -> Vec<([f32; 3], LightPath)> {
         let lamps = self.log.survey.rig.strobe.lamps;
-        self.samples(frame, false).grid.iter().filter_map(|(_, s)| Some((s.log_color, s.path(lamps)?))).collect()
+        self.samples(frame, false)
+            .grid
+            .iter()
+            .filter_map(|(_, s)| Some((s.log_color, s.path(lamps)?)))
+            .collect()
     }
 
-    /// Exposure and white balance for a method that is not the model's own, from some frames' grids.
-    pub fn rendering(&self, lit: &[([f32; 3], LightPath)], method: Method, white_balance: WhiteBalance) -> RenderingFile {
+    /// Exposure and white balance for a method that is not the model's own, from some frames'
+    /// grids.
+    pub fn rendering(
+        &self,
+        lit: &[([f32; 3], LightPath)],
+        method: Method,
+        white_balance: WhiteBalance,
+    ) -> RenderingFile {
         let mut config = self.config.render.clone();
         (config.method, config.white_balance) = (method, white_balance);
         rendering(lit, &self.model, self.log.survey.white_level, &config)
     }
 
-    /// What the water scatters back, ray by ray, for a method that takes it off: made once for many frames.
+    /// What the water scatters back, ray by ray, for a method that takes it off: made once for many
+    /// frames.
     pub fn glow(&self, method: Method) -> Option<GlowTable> {
         glow_table(&self.model, &self.log.survey.rig, method)
     }
 
     /// A frame corrected: light where 1 is white.
-    pub fn corrected(&self, frame: &BenchFrame, method: Method, rendering: &RenderingFile, glow: Option<&GlowTable>) -> LinearImage {
+    pub fn corrected(
+        &self,
+        frame: &BenchFrame,
+        method: Method,
+        rendering: &RenderingFile,
+        glow: Option<&GlowTable>,
+    ) -> LinearImage {
         let (fine, roughness) = &self.fine;
         let now = fine.at(frame.stamp);
         let mut config = self.config.render.clone();
@@ -146,14 +212,20 @@ impl Bench {
             clipped_above: self.config.estimate.clipped_above as f32,
             electrons: self.log.survey.electrons,
         };
-        let mut out = LinearImage::new(frame.image.light.width, frame.image.light.height, frame.image.bands());
+        let mut out = LinearImage::new(
+            frame.image.light.width,
+            frame.image.light.height,
+            frame.image.bands(),
+        );
         let mut pixels = Vec::with_capacity(out.pixels.len());
         // The frame has been decoded once, so it can be again; otherwise it stays black.
         let _decoded_before = self.with_codes(&frame.message, |codes| {
             let noise = Noise::of(&codes.coding, self.light(), self.log.survey.electrons);
-            let (view, gain) = (self.view(frame), self.log.survey.frame_gain(&self.file, frame.stamp));
+            let (view, gain) =
+                (self.view(frame), self.log.survey.frame_gain(&self.file, frame.stamp));
             let flat_field = self.log.survey.flat_field.as_ref();
-            let frame = Frame { codes, flat_field, view: &view, gain, noise: &noise, rectified: None };
+            let frame =
+                Frame { codes, flat_field, view: &view, gain, noise: &noise, rectified: None };
             correction.apply(&frame, |row| pixels.extend_from_slice(row));
         });
         if pixels.len() == out.pixels.len() {

@@ -1,4 +1,5 @@
-//! Some frames of a log, each on whichever core, in order. Only blocks are read that hold one of them.
+//! Some frames of a log, each on whichever core, in order. Only blocks are read that hold one of
+//! them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +13,8 @@ const UNDER_WAY: usize = 8 << 20;
 /// Frames under way, for each core.
 const PER_CORE: usize = 2;
 
-/// Runs `work` over the chosen of the camera's frames (index and message) and hands the results to `sink` in order.
+/// Runs `work` over the chosen of the camera's frames (index and message) and hands the results to
+/// `sink` in order.
 ///
 /// # Errors
 /// The file cannot be read, or the sink's own.
@@ -43,12 +45,20 @@ pub fn for_frames<R: Send>(
     let work = |frame| Ok(work(frame));
     let under_way = threads.count() * UNDER_WAY;
     threads.lanes(|lanes| {
-        let weight = |block: u32| recording.blocks().get(block as usize).map_or(0, |b| b.weight().min(under_way / 2));
-        let blocks = lanes.in_order(blocks.into_iter().map(|block| (weight(block.0), Job::Work(block))), under_way, &read);
+        let weight = |block: u32| {
+            recording.blocks().get(block as usize).map_or(0, |b| b.weight().min(under_way / 2))
+        };
+        let blocks = lanes.in_order(
+            blocks.into_iter().map(|block| (weight(block.0), Job::Work(block))),
+            under_way,
+            &read,
+        );
         let frames = blocks.flat_map(|frames| match frames {
             Ok(frames) => frames.into_iter().map(|frame| (1, Job::Work(frame))).collect(),
             Err(e) => vec![(0, Job::Done(Err(e)))],
         });
-        lanes.in_order(frames, PER_CORE * threads.count(), &work).try_for_each(|result| sink(result?))
+        lanes
+            .in_order(frames, PER_CORE * threads.count(), &work)
+            .try_for_each(|result| sink(result?))
     })
 }

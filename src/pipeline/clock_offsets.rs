@@ -1,11 +1,15 @@
-//! Whether the clocks of camera, range instrument and attitude agree, from the data alone. Only told, never applied.
+//! Whether the clocks of camera, range instrument and attitude agree, from the data alone. Only
+//! told, never applied.
 //!
-//! - Camera and DVL: points of seafloor that two frames see lie equally far apart, in metres, whatever the height. The
-//!   heights come from pings, so the points agree best where the pings' stamps fit the frames'.
-//! - Attitude and DVL: the normal of a ping's plane, turned into the world by the attitude of its time, stays where it is.
+//! - Camera and DVL: points of seafloor that two frames see lie equally far apart, in metres,
+//!   whatever the height. The heights come from pings, so the points agree best where the pings'
+//!   stamps fit the frames'.
+//! - Attitude and DVL: the normal of a ping's plane, turned into the world by the attitude of its
+//!   time, stays where it is.
 //!
-//! Both are looked at for every offset of a grid. An offset is told where the misfit has one sharp minimum inside it;
-//! a vehicle that holds its height and its attitude tells nothing, and that is said.
+//! Both are looked at for every offset of a grid. An offset is told where the misfit has one sharp
+//! minimum inside it; a vehicle that holds its height and its attitude tells nothing, and that is
+//! said.
 
 use nalgebra::Vector3;
 
@@ -61,7 +65,8 @@ impl Told {
 pub struct ClockOffsets {
     /// to be added to the range instrument's stamps, so that they fit the camera's
     pub ranges: Told,
-    /// to be added to the attitude's, so that they fit both; to the range instrument's alone where the camera tells nothing
+    /// to be added to the attitude's, so that they fit both; to the range instrument's alone where
+    /// the camera tells nothing
     pub attitude: Told,
 }
 
@@ -72,13 +77,18 @@ impl ClockOffsets {
             Told::Offset { offset_s, std_s } if told.is_off() => {
                 let line = rig.time_offset_s.get(topic).unwrap_or(&0.0) + offset_s;
                 format!(
-                    "{topic}: its stamps fit the others best {:.2} ± {std_s:.2} s {}; if that is so, write under [time_offset_s] in rig.toml: {topic:?} = {line:.2}",
+                    "{topic}: its stamps fit the others best {:.2} ± {std_s:.2} s {}; if that is \
+                     so, write under [time_offset_s] in rig.toml: {topic:?} = {line:.2}",
                     offset_s.abs(),
                     if *offset_s > 0.0 { "later" } else { "earlier" }
                 )
             }
-            Told::Offset { offset_s, std_s } => format!("{topic}: its stamps fit the others ({offset_s:+.2} ± {std_s:.2} s)"),
-            Told::CannotTell(why) => format!("{topic}: the data cannot tell whether its clock is right: {why}"),
+            Told::Offset { offset_s, std_s } => {
+                format!("{topic}: its stamps fit the others ({offset_s:+.2} ± {std_s:.2} s)")
+            }
+            Told::CannotTell(why) => {
+                format!("{topic}: the data cannot tell whether its clock is right: {why}")
+            }
         };
         let attitude = survey.attitude_topic.iter().map(|topic| of(topic, &self.attitude));
         [of(&survey.dvl_topic, &self.ranges)].into_iter().chain(attitude).collect()
@@ -92,24 +102,41 @@ impl ClockOffsets {
 pub fn clock_offsets(log: &Prepared, options: &Options) -> Result<ClockOffsets> {
     let threads = Threads::new(options.threads);
     let seafloor = &options.config.seafloor;
-    let collected = collect(&log.recording, &log.scan, &log.survey, &options.config, options.config.estimate.max_frames, &threads, &Silent)?;
+    let collected = collect(
+        &log.recording,
+        &log.scan,
+        &log.survey,
+        &options.config,
+        options.config.estimate.max_frames,
+        &threads,
+        &Silent,
+    )?;
     let (pings, rig) = (&log.survey.pings, &log.survey.rig);
     // Pairs share frames: about as many tell something of their own as there are frames.
     let per_frame = collected.pairs.len() as f64 / collected.frames.len().max(1) as f64;
-    let ranges = offset(&threads, per_frame.max(1.0), |shift| scale_misfits(&collected, &shifted(pings, shift), rig, seafloor))?;
+    let ranges = offset(&threads, per_frame.max(1.0), |shift| {
+        scale_misfits(&collected, &shifted(pings, shift), rig, seafloor)
+    })?;
     let normals = normals(pings, rig, seafloor);
-    let of_attitude = offset(&threads, 1.0, |shift| turned_misfits(&normals, pings.attitude(), shift))?;
+    let of_attitude =
+        offset(&threads, 1.0, |shift| turned_misfits(&normals, pings.attitude(), shift))?;
     let attitude = match (&ranges, of_attitude) {
         // The pings move by the one, and the attitude with them.
-        (Told::Offset { offset_s: a, std_s: b }, Told::Offset { offset_s, std_s }) => Told::Offset { offset_s: offset_s + a, std_s: std_s.hypot(*b) },
+        (Told::Offset { offset_s: a, std_s: b }, Told::Offset { offset_s, std_s }) => {
+            Told::Offset { offset_s: offset_s + a, std_s: std_s.hypot(*b) }
+        }
         (_, alone) => alone,
     };
     Ok(ClockOffsets { ranges, attitude })
 }
 
-/// The offset at which the misfits' mean square is least. `misfits` gives one per observation, `None` where it has none;
-/// `alike` of them tell the same.
-fn offset(threads: &Threads, alike: f64, misfits: impl Fn(f64) -> Vec<Option<f64>> + Sync) -> Result<Told> {
+/// The offset at which the misfits' mean square is least. `misfits` gives one per observation,
+/// `None` where it has none; `alike` of them tell the same.
+fn offset(
+    threads: &Threads,
+    alike: f64,
+    misfits: impl Fn(f64) -> Vec<Option<f64>> + Sync,
+) -> Result<Told> {
     let steps = (FARTHEST_S / STEP_S) as i32;
     let mut curve: Vec<(f64, Vec<Option<f64>>)> = Vec::new();
     let at = |step: i32| (f64::from(step) * STEP_S, misfits(f64::from(step) * STEP_S));
@@ -134,36 +161,52 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
     if most < LEAST {
         return cannot("too few observations");
     }
-    // Wrong matches and boulders: what lies beyond three times the usual counts as three times the usual.
+    // Wrong matches and boulders: what lies beyond three times the usual counts as three times the
+    // usual.
     let usual = |misfits: &[Option<f64>]| {
         let mut sizes: Vec<f64> = misfits.iter().flatten().map(|m| m.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         sizes.get(sizes.len() / 2).copied().unwrap_or(f64::INFINITY)
     };
-    let enough = |misfits: &[Option<f64>]| misfits.iter().flatten().count() as f64 >= LEAST_SHARE * most as f64;
+    let enough = |misfits: &[Option<f64>]| {
+        misfits.iter().flatten().count() as f64 >= LEAST_SHARE * most as f64
+    };
     let compared: Vec<&(f64, Vec<Option<f64>>)> = curve.iter().filter(|(_, m)| enough(m)).collect();
     let limit = 3.0 * 1.4826 * compared.iter().map(|(_, m)| usual(m)).fold(f64::INFINITY, f64::min);
     let mean_square = |misfits: &[Option<f64>]| {
-        let (sum, count) = misfits.iter().flatten().fold((0.0, 0.0), |(s, n), m| (s + m.abs().min(limit).powi(2), n + 1.0));
+        let (sum, count) = misfits
+            .iter()
+            .flatten()
+            .fold((0.0, 0.0), |(s, n), m| (s + m.abs().min(limit).powi(2), n + 1.0));
         sum / count
     };
-    let points: Vec<(f64, f64)> = compared.iter().map(|(shift, m)| (*shift, mean_square(m))).collect();
-    let Some(best) = (0..points.len()).min_by(|a, b| points[*a].1.total_cmp(&points[*b].1)) else { return cannot("too few observations") };
+    let points: Vec<(f64, f64)> =
+        compared.iter().map(|(shift, m)| (*shift, mean_square(m))).collect();
+    let Some(best) = (0..points.len()).min_by(|a, b| points[*a].1.total_cmp(&points[*b].1)) else {
+        return cannot("too few observations");
+    };
     if best == 0 || best + 1 == points.len() || points[best].1 <= 0.0 {
         return cannot("no offset within the grid fits better than its edge");
     }
     let (low, here, high) = (points[best - 1].1, points[best].1, points[best + 1].1);
     let bend = low - 2.0 * here + high;
-    let offset_s = points[best].0 + if bend > 0.0 { 0.5 * STEP_S * (low - high) / bend } else { 0.0 };
+    let offset_s =
+        points[best].0 + if bend > 0.0 { 0.5 * STEP_S * (low - high) / bend } else { 0.0 };
     // Offsets at which the misfit is larger by less than chance makes it are not told apart.
     let worse = here * (1.0 + 9.0 / independent);
-    let farthest = points.iter().filter(|p| p.1 <= worse).map(|p| (p.0 - offset_s).abs()).fold(0.0, f64::max);
+    let farthest =
+        points.iter().filter(|p| p.1 <= worse).map(|p| (p.0 - offset_s).abs()).fold(0.0, f64::max);
     // From the curve's own bend over a wider span: three standard deviations of a parabola.
-    let wide = |k: usize| Some((points.get(best.checked_sub(k)?)?.1 + points.get(best + k)?.1) / 2.0 - here);
+    let wide = |k: usize| {
+        Some((points.get(best.checked_sub(k)?)?.1 + points.get(best + k)?.1) / 2.0 - here)
+    };
     let per_s2 = wide(4).map_or(0.0, |rise| rise / (4.0 * STEP_S).powi(2));
     let std_s = if per_s2 > 0.0 { (here / (independent * per_s2)).sqrt() } else { f64::INFINITY };
     if farthest > WORST_S + STEP_S || 3.0 * std_s > WORST_S {
-        return cannot("the height and attitude of the vehicle change too little, or the measurements are too noisy");
+        return cannot(
+            "the height and attitude of the vehicle change too little, or the measurements are \
+             too noisy",
+        );
     }
     Told::Offset { offset_s, std_s }
 }
@@ -174,12 +217,20 @@ fn shifted(pings: &Pings, shift_s: f64) -> Pings {
 }
 
 /// Per pair of frames: the logarithm of the size of what both see, by the one frame over the other.
-fn scale_misfits(seen: &Collected, pings: &Pings, rig: &Rig, config: &SeafloorConfig) -> Vec<Option<f64>> {
-    let planes: Vec<Option<SeafloorPlane>> = seen.frames.iter().map(|f| pings.seafloor(f.stamp, rig, config).ok()).collect();
+fn scale_misfits(
+    seen: &Collected,
+    pings: &Pings,
+    rig: &Rig,
+    config: &SeafloorConfig,
+) -> Vec<Option<f64>> {
+    let planes: Vec<Option<SeafloorPlane>> =
+        seen.frames.iter().map(|f| pings.seafloor(f.stamp, rig, config).ok()).collect();
     let of_pair = |pair: &MatchedPair| {
         let (plane_a, plane_b) = (planes[pair.a].as_ref()?, planes[pair.b].as_ref()?);
-        let (view_a, view_b) =
-            (View { camera: &rig.camera, rig, plane: plane_a, relief: None }, View { camera: &rig.camera, rig, plane: plane_b, relief: None });
+        let (view_a, view_b) = (
+            View { camera: &rig.camera, rig, plane: plane_a, relief: None },
+            View { camera: &rig.camera, rig, plane: plane_b, relief: None },
+        );
         let (places_a, places_b) = (&seen.frames[pair.a].places, &seen.frames[pair.b].places);
         let every = pair.keypoints.len().div_ceil(MOST_POINTS);
         let (mut a, mut b) = (Vec::new(), Vec::new());
@@ -201,7 +252,8 @@ fn scale_misfits(seen: &Collected, pings: &Pings, rig: &Rig, config: &SeafloorCo
 fn spread(points: &[Vector3<f64>]) -> Option<f64> {
     let n = points.len() as f64;
     let middle = points.iter().sum::<Vector3<f64>>() / n;
-    (points.len() >= 6).then(|| (points.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / n).sqrt())
+    (points.len() >= 6)
+        .then(|| (points.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / n).sqrt())
 }
 
 /// Normals of single pings in body space.
@@ -214,10 +266,19 @@ fn normals(pings: &Pings, rig: &Rig, config: &SeafloorConfig) -> Vec<(Stamp, Vec
     pings.all().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()
 }
 
-/// Per ping: how far its normal in the world lies from the mean of its stretch [rad]. The attitude is `shift_s` later.
-fn turned_misfits(normals: &[(Stamp, Vector3<f64>)], attitude: &AttitudeTrack, shift_s: f64) -> Vec<Option<f64>> {
-    let turned = |(stamp, normal): &(Stamp, Vector3<f64>)| Some(attitude.world_from_body(stamp.later(-shift_s))? * normal);
-    let stretch = |stamp: Stamp| normals.first().map_or(0, |first| (stamp.seconds_since(first.0) / STRETCH_S) as i64);
+/// Per ping: how far its normal in the world lies from the mean of its stretch [rad]. The attitude
+/// is `shift_s` later.
+fn turned_misfits(
+    normals: &[(Stamp, Vector3<f64>)],
+    attitude: &AttitudeTrack,
+    shift_s: f64,
+) -> Vec<Option<f64>> {
+    let turned = |(stamp, normal): &(Stamp, Vector3<f64>)| {
+        Some(attitude.world_from_body(stamp.later(-shift_s))? * normal)
+    };
+    let stretch = |stamp: Stamp| {
+        normals.first().map_or(0, |first| (stamp.seconds_since(first.0) / STRETCH_S) as i64)
+    };
     let mut misfits = Vec::new();
     for group in normals.chunk_by(|a, b| stretch(a.0) == stretch(b.0)) {
         let world: Vec<Option<Vector3<f64>>> = group.iter().map(turned).collect();

@@ -133,7 +133,8 @@ pub fn prepare(path: &Path, options: &Options) -> Result<Prepared> {
 /// The same, with the log's fingerprint, which is taken meanwhile.
 fn prepare_to_write(path: &Path, options: &Options, threads: &Threads) -> Result<Prepared> {
     let recording = Recording::open(path)?;
-    let (fingerprint, scan) = threads.beside(|| recording.sha256().map(drop), || scanned(&recording, options, threads));
+    let (fingerprint, scan) =
+        threads.beside(|| recording.sha256().map(drop), || scanned(&recording, options, threads));
     let scan = scan?;
     fingerprint?;
     prepared(recording, scan, options)
@@ -149,9 +150,16 @@ fn prepared(recording: Recording, mut scan: Scan, options: &Options) -> Result<P
 ///
 /// # Errors
 /// A log cannot be used, or attenuation cannot be estimated.
-pub fn estimate_logs(paths: &[&Path], options: &Options, progress: &dyn Progress) -> Result<(ModelFile, Vec<String>)> {
+pub fn estimate_logs(
+    paths: &[&Path],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<(ModelFile, Vec<String>)> {
     let threads = Threads::new(options.threads);
-    let logs = paths.iter().map(|path| prepare_to_write(path, options, &threads)).collect::<Result<Vec<_>>>()?;
+    let logs = paths
+        .iter()
+        .map(|path| prepare_to_write(path, options, &threads))
+        .collect::<Result<Vec<_>>>()?;
     ensure_alike(&logs)?;
     let warnings = logs.iter().flat_map(|p| p.survey.warnings.clone()).collect();
     Ok((learnt(&logs, options, &threads, progress)?.0, warnings))
@@ -163,13 +171,20 @@ fn ensure_alike(logs: &[Prepared]) -> Result<()> {
     for (n, log) in logs.iter().enumerate() {
         for before in &logs[..n] {
             if log.recording.sha256()? == before.recording.sha256()? {
-                return Err(Error::Usage(format!("{} and {} are the same log", name(before), name(log))));
+                return Err(Error::Usage(format!(
+                    "{} and {} are the same log",
+                    name(before),
+                    name(log)
+                )));
             }
-            let of = |log: &Prepared| (log.survey.rig.camera.width, log.survey.rig.camera.height, log.survey.container);
+            let of = |log: &Prepared| {
+                (log.survey.rig.camera.width, log.survey.rig.camera.height, log.survey.container)
+            };
             let ((w, h, _), (v, g, _)) = (of(before), of(log));
             if of(log) != of(before) {
                 return Err(Error::Usage(format!(
-                    "{} ({w}×{h}) and {} ({v}×{g}) are of different cameras or picture formats; a model is of one camera and strobe",
+                    "{} ({w}×{h}) and {} ({v}×{g}) are of different cameras or picture formats; a \
+                     model is of one camera and strobe",
                     name(before),
                     name(log)
                 )));
@@ -179,27 +194,38 @@ fn ensure_alike(logs: &[Prepared]) -> Result<()> {
     Ok(())
 }
 
-/// Pass one over more and more frames, until attenuation is known as well as `estimate.precision_per_m` asks for; and the
-/// mean frames of the first log.
-fn learnt(logs: &[Prepared], options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<(ModelFile, MeanFrames)> {
+/// Pass one over more and more frames, until attenuation is known as well as
+/// `estimate.precision_per_m` asks for; and the mean frames of the first log.
+fn learnt(
+    logs: &[Prepared],
+    options: &Options,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<(ModelFile, MeanFrames)> {
     let EstimateConfig { first_frames, max_frames, precision_per_m, .. } = options.config.estimate;
     // Mean frames want many, whatever is known of the water.
     let wants_all = options.config.render.method.needs_mean_frames() || precision_per_m == 0.0;
     let mut most = if wants_all { max_frames } else { first_frames.min(max_frames) };
     loop {
         let pass_one = |log| Ok((log, pass_one(log, options, most, threads, progress)?));
-        let mut collected = logs.iter().map(pass_one).collect::<Result<Vec<(&Prepared, Collected)>>>()?;
+        let mut collected =
+            logs.iter().map(pass_one).collect::<Result<Vec<(&Prepared, Collected)>>>()?;
         let is_all = collected.iter().all(|(_, c)| c.is_all);
-        let means = collected.first_mut().map(|(_, c)| std::mem::take(&mut c.means)).unwrap_or_default();
+        let means =
+            collected.first_mut().map(|(_, c)| std::mem::take(&mut c.means)).unwrap_or_default();
         let model = threads.within(|| model_of(collected, options));
         if is_all || most >= max_frames {
             return Ok((model?, means));
         }
-        let is_precise = |m: &ModelFile| m.attenuation_std_per_m.iter().all(|std| std.is_some_and(|std| std <= precision_per_m));
+        let is_precise = |m: &ModelFile| {
+            m.attenuation_std_per_m.iter().all(|std| std.is_some_and(|std| std <= precision_per_m))
+        };
         // Where the light or the water changed among a few frames, it did so among others.
         let is_steady = |m: &ModelFile| m.frame_gains.is_empty() && m.segments.0.is_empty();
         match model {
-            Ok(model) if model.identified && is_steady(&model) && is_precise(&model) => return Ok((model, means)),
+            Ok(model) if model.identified && is_steady(&model) && is_precise(&model) => {
+                return Ok((model, means));
+            }
             Ok(model) if model.identified && is_steady(&model) => most = (2 * most).min(max_frames),
             // What a few stretches do not tell is for all to tell.
             _ => most = max_frames,
@@ -211,7 +237,13 @@ fn learnt(logs: &[Prepared], options: &Options, threads: &Threads, progress: &dy
 ///
 /// # Errors
 /// Nothing stands under OUT's name then. Several cameras of which none was chosen are an error too.
-pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &Options, progress: &dyn Progress) -> Result<(Report, ModelFile)> {
+pub fn correct(
+    input: &Path,
+    output: &Path,
+    model: Option<ModelFile>,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<(Report, ModelFile)> {
     ensure_writable(input, output, options)?;
     let threads = Threads::new(options.threads);
     let ready = make_ready(input, model, options, &threads, progress)?;
@@ -219,10 +251,12 @@ pub fn correct(input: &Path, output: &Path, model: Option<ModelFile>, options: &
     done.pop().ok_or_else(|| Error::Usage("no camera".into()))
 }
 
-/// As [`correct`]; where the log has several cameras and none was chosen, each with a model of its own.
+/// As [`correct`]; where the log has several cameras and none was chosen, each with a model of its
+/// own.
 ///
 /// # Errors
-/// As [`correct`]; a camera that cannot be corrected is left as it is, and listed, where another one can.
+/// As [`correct`]; a camera that cannot be corrected is left as it is, and listed, where another
+/// one can.
 pub fn correct_all(
     input: &Path,
     output: &Path,
@@ -284,25 +318,41 @@ struct Ready {
     model_warnings: Vec<String>,
 }
 
-fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads: &Threads, progress: &dyn Progress) -> Result<Ready> {
+fn make_ready(
+    input: &Path,
+    model: Option<ModelFile>,
+    options: &Options,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Ready> {
     let mut prepared = prepare_to_write(input, options, threads)?;
     let method = options.config.render.method;
     let (mut file, means) = match model {
-        // Exposure goes with what is removed: a model made for another method is shown anew, from samples without keypoints.
-        Some(file) if file.rendering.method == method && !method.needs_mean_frames() => (file, Default::default()),
+        // Exposure goes with what is removed: a model made for another method is shown anew, from
+        // samples without keypoints.
+        Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
+            (file, Default::default())
+        }
         Some(mut file) => {
             let mut quick = options.clone();
             quick.config.estimate.estimator = Estimator::Altitude;
-            let collected = pass_one(&prepared, &quick, quick.config.estimate.max_frames, threads, progress)?;
+            let collected =
+                pass_one(&prepared, &quick, quick.config.estimate.max_frames, threads, progress)?;
             let imaging_model = file.imaging_model().map_err(Error::Usage)?;
             let Survey { rig, .. } = &prepared.survey;
             let strobe = strobe_of(&file, rig);
             let mount = strobe.lamps;
             let glow = glow_table(&imaging_model, &Rig { strobe, ..rig.clone() }, method);
-            let log_gains: Vec<f64> = collected.frames.iter().map(|f| prepared.survey.frame_gain(&file, f.stamp).ln()).collect();
+            let log_gains: Vec<f64> = collected
+                .frames
+                .iter()
+                .map(|f| prepared.survey.frame_gain(&file, f.stamp).ln())
+                .collect();
             let veil = imaging_model.backscatter.as_ref().zip(glow.as_ref());
-            let frames = as_modelled(collected.frames, &log_gains, rig.body_from_optical, mount, veil);
-            file.rendering = shown(&frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
+            let frames =
+                as_modelled(collected.frames, &log_gains, rig.body_from_optical, mount, veil);
+            file.rendering =
+                shown(&frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
             (file, collected.means)
         }
         None => learnt(std::slice::from_ref(&prepared), options, threads, progress)?,
@@ -311,25 +361,54 @@ fn make_ready(input: &Path, model: Option<ModelFile>, options: &Options, threads
     file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
     // The pattern's angles are about the strobe that the model was made with.
     prepared.survey.rig.strobe = strobe_of(&file, &prepared.survey.rig);
-    // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is dark.
-    prepared.survey.white_level = options.config.light.white_level.or(file.rendering.white_level).or(prepared.survey.white_level);
-    ensure_not_corrected(&prepared.recording, &prepared.survey, &options.config, only(options)?.as_ref())?;
+    // A model from elsewhere knows its camera's full scale; this log's own bits say less when it is
+    // dark.
+    prepared.survey.white_level = options
+        .config
+        .light
+        .white_level
+        .or(file.rendering.white_level)
+        .or(prepared.survey.white_level);
+    ensure_not_corrected(
+        &prepared.recording,
+        &prepared.survey,
+        &options.config,
+        only(options)?.as_ref(),
+    )?;
     let missing = prepared.survey.missing_settings(&file);
     prepared.survey.warnings.extend(missing);
     let own = prepared.recording.sha256()?;
     let is_of_this_log = file.inputs.iter().any(|input| input.sha256 == own);
-    let said = |w: &String| if is_of_this_log { w.clone() } else { format!("of the model's own log: {w}") };
+    let said = |w: &String| {
+        if is_of_this_log { w.clone() } else { format!("of the model's own log: {w}") }
+    };
     let model_warnings = file.warnings.iter().map(said).collect();
     let model = file.imaging_model().map_err(Error::Usage)?;
     let glow = glow_table(&model, &prepared.survey.rig, method);
-    let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig)).unwrap_or_default();
-    let fine = ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
+    let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig))
+        .unwrap_or_default();
+    let fine =
+        ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
     Ok(Ready { prepared, file, model, fine, glow, means, rig_toml, model_warnings })
 }
 
 impl Ready {
-    fn for_pass_two<'r>(&'r self, is_first: bool, options: &'r Options, wire: OutputWire) -> OfCamera<'r> {
-        let Self { prepared: Prepared { scan, survey, .. }, file, model, fine, glow, means, rig_toml, model_warnings } = self;
+    fn for_pass_two<'r>(
+        &'r self,
+        is_first: bool,
+        options: &'r Options,
+        wire: OutputWire,
+    ) -> OfCamera<'r> {
+        let Self {
+            prepared: Prepared { scan, survey, .. },
+            file,
+            model,
+            fine,
+            glow,
+            means,
+            rig_toml,
+            model_warnings,
+        } = self;
         let correction = Correction {
             model: fine,
             roughness: fine.beam_pattern.roughness(BEAM_ROUGHEST),
@@ -341,7 +420,18 @@ impl Ready {
             electrons: survey.electrons,
         };
         let place = if is_first { String::new() } else { place_of(&survey.camera_topic) };
-        OfCamera { scan, survey, config: &options.config, wire, file, model, correction, rig_toml, model_warnings, place }
+        OfCamera {
+            scan,
+            survey,
+            config: &options.config,
+            wire,
+            file,
+            model,
+            correction,
+            rig_toml,
+            model_warnings,
+            place,
+        }
     }
 }
 
@@ -354,11 +444,14 @@ fn write_corrected(
     progress: &dyn Progress,
     left_out: Vec<String>,
 ) -> Result<Vec<(Report, ModelFile)>> {
-    let Some(first) = cameras.first().map(|c| &c.prepared) else { return Err(Error::Usage("no camera".into())) };
+    let Some(first) = cameras.first().map(|c| &c.prepared) else {
+        return Err(Error::Usage("no camera".into()));
+    };
     let wire = output_wire(first, &options.config);
     // A profile promises how every channel is encoded.
     let profile = match (first.recording.profile.as_str(), wire) {
-        ("ros1", OutputWire::Cdr | OutputWire::Protobuf) | ("ros2", OutputWire::Ros1 | OutputWire::Protobuf) => "",
+        ("ros1", OutputWire::Cdr | OutputWire::Protobuf)
+        | ("ros2", OutputWire::Ros1 | OutputWire::Protobuf) => "",
         (profile, _) => profile,
     };
     let source_sha256 = first.recording.sha256()?;
@@ -367,7 +460,11 @@ fn write_corrected(
         recording: &first.recording,
         window: options.window(),
         config: &options.config,
-        cameras: cameras.iter().enumerate().map(|(i, camera)| camera.for_pass_two(i == 0, options, wire)).collect(),
+        cameras: cameras
+            .iter()
+            .enumerate()
+            .map(|(i, camera)| camera.for_pass_two(i == 0, options, wire))
+            .collect(),
         source_sha256,
         only: only(options)?,
         left_out,
@@ -378,29 +475,49 @@ fn write_corrected(
 
 /// What the water scatters back, ray by ray, for methods that take the water away.
 fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<GlowTable> {
-    let backscatter = model.backscatter.filter(|_| matches!(method, Method::Full | Method::Attenuation))?;
+    let backscatter =
+        model.backscatter.filter(|_| matches!(method, Method::Full | Method::Attenuation))?;
     let (w, h) = ((rig.camera.width - 1) as f64, (rig.camera.height - 1) as f64);
-    let edge = (0..=16).map(|k| f64::from(k) / 16.0).flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
-    let rays = edge.filter_map(|(u, v)| rig.camera.image_plane(u, v)).map(|(x, y)| (x, y, GLOW_REACHES_M));
-    Some(GlowTable::new(&model.beam_pattern, rig.body_from_optical, &rig.strobe.lamps, &backscatter.attenuation_per_m, Frustum::around(rays)))
+    let edge = (0..=16)
+        .map(|k| f64::from(k) / 16.0)
+        .flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
+    let rays =
+        edge.filter_map(|(u, v)| rig.camera.image_plane(u, v)).map(|(x, y)| (x, y, GLOW_REACHES_M));
+    Some(GlowTable::new(
+        &model.beam_pattern,
+        rig.body_from_optical,
+        &rig.strobe.lamps,
+        &backscatter.attenuation_per_m,
+        Frustum::around(rays),
+    ))
 }
 
 /// Pass two reads the beam pattern from a grid so many times as fine.
 const BEAM_REFINED: usize = 8;
-/// The gain's grid follows the pattern but for so much of it: its rim, where single nodes are as rough as their noise.
+/// The gain's grid follows the pattern but for so much of it: its rim, where single nodes are as
+/// rough as their noise.
 const BEAM_ROUGHEST: f64 = 0.05;
 /// Beyond this the strobe's light adds nothing to what the water has scattered back [m].
 const GLOW_REACHES_M: f64 = 12.0;
 
-fn pass_one(log: &Prepared, options: &Options, most: usize, threads: &Threads, progress: &dyn Progress) -> Result<Collected> {
+fn pass_one(
+    log: &Prepared,
+    options: &Options,
+    most: usize,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Collected> {
     collect(&log.recording, &log.scan, &log.survey, &options.config, most, threads, progress)
 }
 
 /// How added messages are encoded.
 fn output_wire(prepared: &Prepared, config: &Config) -> OutputWire {
-    let of_camera = prepared.survey.camera_channels.first().and_then(|id| prepared.recording.channels.get(id));
+    let of_camera =
+        prepared.survey.camera_channels.first().and_then(|id| prepared.recording.channels.get(id));
     match config.output.encoding {
-        OutputEncoding::Auto if of_camera.is_some_and(|c| c.message_encoding == "protobuf") => OutputWire::Protobuf,
+        OutputEncoding::Auto if of_camera.is_some_and(|c| c.message_encoding == "protobuf") => {
+            OutputWire::Protobuf
+        }
         OutputEncoding::Auto | OutputEncoding::Cdr => OutputWire::Cdr,
         OutputEncoding::Ros1 => OutputWire::Ros1,
         OutputEncoding::Protobuf => OutputWire::Protobuf,
@@ -411,12 +528,25 @@ fn output_wire(prepared: &Prepared, config: &Config) -> OutputWire {
 ///
 /// # Errors
 /// That, with the remedy.
-pub fn ensure_not_corrected(recording: &Recording, survey: &Survey, config: &Config, only: Option<&regex::Regex>) -> Result<()> {
-    let corrected = corrected_topic(&survey.camera_topic, output_container(survey.container, config) != Container::Raw);
+pub fn ensure_not_corrected(
+    recording: &Recording,
+    survey: &Survey,
+    config: &Config,
+    only: Option<&regex::Regex>,
+) -> Result<()> {
+    let corrected = corrected_topic(
+        &survey.camera_topic,
+        output_container(survey.container, config) != Container::Raw,
+    );
     let is_ours = |topic: &str| topic == corrected || topic.starts_with("/unwater/");
-    match recording.channels.values().find(|c| is_ours(&c.topic) && only.is_none_or(|o| o.is_match(&c.topic))) {
+    match recording
+        .channels
+        .values()
+        .find(|c| is_ours(&c.topic) && only.is_none_or(|o| o.is_match(&c.topic)))
+    {
         Some(channel) => Err(Error::Usage(format!(
-            "the log holds {} already: it has been corrected before; correct the original, or leave these topics out with --only",
+            "the log holds {} already: it has been corrected before; correct the original, or \
+             leave these topics out with --only",
             channel.topic
         ))),
         None => Ok(()),

@@ -1,4 +1,5 @@
-//! What pass one collected → one model, and a model's strobe and exposure as the rest of the pipeline wants them.
+//! What pass one collected → one model, and a model's strobe and exposure as the rest of the
+//! pipeline wants them.
 
 use super::mount_words::mount_check;
 use super::pass_one::Collected;
@@ -6,44 +7,70 @@ use super::{Options, Prepared};
 use crate::config::{Config, Spreading, Switch};
 use crate::correct::rendering;
 use crate::error::{Error, Result};
-use crate::estimate::{Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks, understand};
+use crate::estimate::{
+    Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks,
+    understand,
+};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
-    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile,
-    SpreadingModel, StrobeFile,
+    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, LampFile,
+    LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
 };
 use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount};
 
 /// Samples of all logs → one model.
 pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<ModelFile> {
-    let Some((first, _)) = logs.first() else { return Err(Error::Usage("no log was given".into())) };
+    let Some((first, _)) = logs.first() else {
+        return Err(Error::Usage("no log was given".into()));
+    };
     let first = *first;
     let (mut frames, mut pairs, mut inputs) = (Vec::new(), Vec::new(), Vec::new());
     let mut settings: Vec<Vec<f64>> = vec![Vec::new(); first.survey.settings.len()];
     for (log, mut collected) in logs {
         let offset = frames.len();
         inputs.push(InputFile {
-            name: log.recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            name: log
+                .recording
+                .path()
+                .file_name()
+                .map(|n| n.to_string_lossy().into_owned())
+                .unwrap_or_default(),
             sha256: log.recording.sha256()?.into(),
             camera_topic: log.survey.camera_topic.clone(),
             dvl_topic: log.survey.dvl_topic.clone(),
             frames: collected.frames.len(),
         });
         for (values, series) in settings.iter_mut().zip(&first.survey.settings) {
-            let same = log.survey.settings.iter().find(|s| (&s.topic, &s.name) == (&series.topic, &series.name));
-            values.extend(collected.frames.iter().map(|f| same.and_then(|s| s.at(f.stamp)).unwrap_or(f64::NAN)));
+            let same = log
+                .survey
+                .settings
+                .iter()
+                .find(|s| (&s.topic, &s.name) == (&series.topic, &series.name));
+            values.extend(
+                collected
+                    .frames
+                    .iter()
+                    .map(|f| same.and_then(|s| s.at(f.stamp)).unwrap_or(f64::NAN)),
+            );
         }
         frames.append(&mut collected.frames);
-        pairs.extend(collected.pairs.into_iter().map(|p| MatchedPair { a: p.a + offset, b: p.b + offset, ..p }));
+        pairs.extend(collected.pairs.into_iter().map(|p| MatchedPair {
+            a: p.a + offset,
+            b: p.b + offset,
+            ..p
+        }));
     }
     if frames.is_empty() {
         let reason = match first.survey.frames.len() {
             0 => "the camera has no pictures".to_string(),
             n => format!("none of {n} pictures has a seafloor below it and can be decoded"),
         };
-        return Err(Error::NotEstimated { reason, remedy: "`unwater inspect` says what is missing".into() });
+        return Err(Error::NotEstimated {
+            reason,
+            remedy: "`unwater inspect` says what is missing".into(),
+        });
     }
     let config = &options.config;
     let tracks = tracks(&frames, &pairs);
@@ -51,33 +78,65 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     drop(pairs);
     let rig = &first.survey.rig;
     let given = (rig.strobe.lamps, rig.strobe.source.is_some());
-    let found = understand(frames, tracks, rig.body_from_optical, given, &settings, rig.body_from_dvl.origin().vector(), &config.estimate)?;
+    let found = understand(
+        frames,
+        tracks,
+        rig.body_from_optical,
+        given,
+        &settings,
+        rig.body_from_dvl.origin().vector(),
+        &config.estimate,
+    )?;
     let mount = found.strobe.lamps;
-    let rendering = shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
+    let rendering =
+        shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
     let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
-    let frame_gains: Vec<FrameGainFile> = uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
+    let frame_gains: Vec<FrameGainFile> =
+        uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
     let mut warnings: Vec<String> = found.strobe.warning.iter().cloned().collect();
     if !frame_gains.is_empty() {
-        warnings
-            .push(format!("{} frames got another amount of light than their neighbours (strobe drop-outs); they are set right", frame_gains.len()));
+        warnings.push(format!(
+            "{} frames got another amount of light than their neighbours (strobe drop-outs); they \
+             are set right",
+            frame_gains.len()
+        ));
     }
     let camera_topic = &first.survey.camera_topic;
     let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
     if config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
-        warnings.push("--backscatter on: the log does not hold what the water scatters back (frames that overlap, at different altitudes, are needed); it is not taken off".into());
+        warnings.push(
+            "--backscatter on: the log does not hold what the water scatters back (frames that \
+             overlap, at different altitudes, are needed); it is not taken off"
+                .into(),
+        );
     }
-    let mount_check = found.mounts.map(|m| mount_check(&m, rig, camera_topic, offset_s)).map(|(file, said)| {
-        warnings.extend(said);
-        file
-    });
+    let mount_check =
+        found.mounts.map(|m| mount_check(&m, rig, camera_topic, offset_s)).map(|(file, said)| {
+            warnings.extend(said);
+            file
+        });
     let light_setting = |f: &FollowedSetting| {
         let SettingSeries { topic, name, .. } = &first.survey.settings[f.index];
-        LightSettingFile { topic: topic.clone(), name: name.clone(), law: f.law, reference: f.reference }
+        LightSettingFile {
+            topic: topic.clone(),
+            name: name.clone(),
+            law: f.law,
+            reference: f.reference,
+        }
     };
     let light_settings = found.followed.iter().map(light_setting).collect();
     let strobe = Some(strobe_file(&found.strobe, rig));
-    let backscatter = found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
-    Ok(ModelFile { strobe, mount_check, backscatter, frame_gains, light_settings, warnings, ..file_of(found.estimate, rendering, inputs, config) })
+    let backscatter =
+        found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
+    Ok(ModelFile {
+        strobe,
+        mount_check,
+        backscatter,
+        frame_gains,
+        light_settings,
+        warnings,
+        ..file_of(found.estimate, rendering, inputs, config)
+    })
 }
 
 fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
@@ -93,8 +152,16 @@ fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
 }
 
 /// Exposure and white balance, from the samples' corrected light.
-pub fn shown(frames: &[FrameSamples], model: &ImagingModel, mount: Lamps, white_level: Option<u16>, config: &Config) -> RenderingFile {
-    let lit = frames.iter().flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(mount)?))));
+pub fn shown(
+    frames: &[FrameSamples],
+    model: &ImagingModel,
+    mount: Lamps,
+    white_level: Option<u16>,
+    config: &Config,
+) -> RenderingFile {
+    let lit = frames
+        .iter()
+        .flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(mount)?))));
     let lit: Vec<([f32; 3], LightPath)> = lit.collect();
     rendering(&lit, model, white_level, &config.render)
 }
@@ -103,10 +170,14 @@ pub fn shown(frames: &[FrameSamples], model: &ImagingModel, mount: Lamps, white_
 pub fn strobe_of(file: &ModelFile, rig: &Rig) -> StrobeMount {
     match &file.strobe {
         Some(s) => {
-            let optical_from_strobe: Transform<Optical, Strobe> = Transform::from_parts(s.position_in_optical_m, s.rotation_xyzw);
+            let optical_from_strobe: Transform<Optical, Strobe> =
+                Transform::from_parts(s.position_in_optical_m, s.rotation_xyzw);
             let first: Transform<Body, Strobe> = rig.body_from_optical * optical_from_strobe;
-            let of_lamp = |l: &LampFile| (first * Transform::from_parts(l.offset_m, l.rotation_xyzw), l.share);
-            let lamps = Lamps::several(&s.lamps.iter().map(of_lamp).collect::<Vec<_>>()).unwrap_or_else(|| Lamps::one(first));
+            let of_lamp = |l: &LampFile| {
+                (first * Transform::from_parts(l.offset_m, l.rotation_xyzw), l.share)
+            };
+            let lamps = Lamps::several(&s.lamps.iter().map(of_lamp).collect::<Vec<_>>())
+                .unwrap_or_else(|| Lamps::one(first));
             StrobeMount { lamps, source: Some(s.source.clone()) }
         }
         None => rig.strobe.clone(),
@@ -114,20 +185,43 @@ pub fn strobe_of(file: &ModelFile, rig: &Rig) -> StrobeMount {
 }
 
 fn strobe_file(placed: &PlacedStrobe, rig: &Rig) -> StrobeFile {
-    let facts = MountFacts::of((rig.body_from_optical.inverse() * placed.lamps.body_from_strobe()).isometry());
-    let lamp = |l: &Lamp| LampFile { offset_m: l.offset.into(), rotation_xyzw: l.turn.coords.into(), share: l.share };
-    let lamps = if placed.lamps.lamps().len() > 1 { placed.lamps.lamps().iter().map(lamp).collect() } else { Vec::new() };
+    let facts = MountFacts::of(
+        (rig.body_from_optical.inverse() * placed.lamps.body_from_strobe()).isometry(),
+    );
+    let lamp = |l: &Lamp| LampFile {
+        offset_m: l.offset.into(),
+        rotation_xyzw: l.turn.coords.into(),
+        share: l.share,
+    };
+    let lamps = if placed.lamps.lamps().len() > 1 {
+        placed.lamps.lamps().iter().map(lamp).collect()
+    } else {
+        Vec::new()
+    };
     StrobeFile {
         lamps,
         position_in_optical_m: facts.translation_m,
         rotation_xyzw: facts.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0]),
-        source: placed.source.map(String::from).or_else(|| rig.strobe.source.clone()).unwrap_or_else(|| "camera".into()),
-        position_std_m: placed.search.as_ref().map(|s| s.std_m).filter(|s| s.iter().all(|v| v.is_finite())),
+        source: placed
+            .source
+            .map(String::from)
+            .or_else(|| rig.strobe.source.clone())
+            .unwrap_or_else(|| "camera".into()),
+        position_std_m: placed
+            .search
+            .as_ref()
+            .map(|s| s.std_m)
+            .filter(|s| s.iter().all(|v| v.is_finite())),
         moved_m: placed.search.as_ref().map(|s| s.moved_m),
     }
 }
 
-fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, config: &Config) -> ModelFile {
+fn file_of(
+    found: Estimate,
+    rendering: RenderingFile,
+    inputs: Vec<InputFile>,
+    config: &Config,
+) -> ModelFile {
     let bands = found.model.bands;
     let SpreadingModel { strobe_leg, camera_leg } = found.model.spreading;
     ModelFile {
@@ -137,8 +231,16 @@ fn file_of(found: Estimate, rendering: RenderingFile, inputs: Vec<InputFile>, co
         spreading_exponents: Some([strobe_leg, camera_leg]),
         incidence: found.model.incidence,
         attenuation_per_m: found.model.attenuation_per_m[..bands].to_vec(),
-        attenuation_std_per_m: found.attenuation_std_per_m[..bands].iter().map(|s| s.is_finite().then_some(*s)).collect(),
-        attenuation_kind: if config.estimate.spreading == Spreading::None { "effective" } else { "physical" }.into(),
+        attenuation_std_per_m: found.attenuation_std_per_m[..bands]
+            .iter()
+            .map(|s| s.is_finite().then_some(*s))
+            .collect(),
+        attenuation_kind: if config.estimate.spreading == Spreading::None {
+            "effective"
+        } else {
+            "physical"
+        }
+        .into(),
         identified: found.not_identified_because.is_none(),
         not_identified_because: found.not_identified_because,
         estimator: found.estimator.into(),

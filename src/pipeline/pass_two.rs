@@ -10,7 +10,9 @@ use crate::geometry::SeafloorPlane;
 use crate::image::Container;
 use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::messages::Heading;
-use crate::recording::{Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window};
+use crate::recording::{
+    Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window,
+};
 use crate::report::{Reason, Report};
 
 use super::{Progress, Step};
@@ -29,7 +31,8 @@ use tally::Tally;
 /// Chunks under way before and after the work on frames, for each core [byte].
 pub const CHUNKS_PER_CORE: usize = 8 << 20;
 
-/// The corrected pictures' topic: the `image…` element becomes `image_corrected`, `/compressed` comes last.
+/// The corrected pictures' topic: the `image…` element becomes `image_corrected`, `/compressed`
+/// comes last.
 pub fn corrected_topic(camera_topic: &str, compressed: bool) -> String {
     let base = camera_topic.strip_suffix("/compressed").unwrap_or(camera_topic);
     let mut elements: Vec<&str> = base.split('/').collect();
@@ -45,17 +48,21 @@ pub fn place_of(camera_topic: &str) -> String {
     let base = camera_topic.strip_suffix("/compressed").unwrap_or(camera_topic);
     let elements: Vec<&str> = base.split('/').filter(|e| !e.is_empty()).collect();
     let camera: Vec<&str> = elements.iter().copied().filter(|e| !e.starts_with("image")).collect();
-    let told: String = if camera.is_empty() { elements } else { camera }.iter().map(|e| format!("/{e}")).collect();
+    let told: String =
+        if camera.is_empty() { elements } else { camera }.iter().map(|e| format!("/{e}")).collect();
     told
 }
 
 /// The container corrected pictures go out in.
 pub fn output_container(source: Container, config: &Config) -> Container {
-    let jpeg = Container::Jpeg { subsampled: matches!(source, Container::Jpeg { subsampled: true }) };
+    let jpeg =
+        Container::Jpeg { subsampled: matches!(source, Container::Jpeg { subsampled: true }) };
     let deep = config.render.depth == 16;
     match (config.render.image_format, source) {
         (ImageFormat::Raw, _) | (ImageFormat::Same, Container::Raw) => Container::Raw,
-        (ImageFormat::Png, _) | (ImageFormat::Auto | ImageFormat::Same, Container::Png) => Container::Png,
+        (ImageFormat::Png, _) | (ImageFormat::Auto | ImageFormat::Same, Container::Png) => {
+            Container::Png
+        }
         (ImageFormat::Auto | ImageFormat::Same, _) if deep => Container::Png,
         (ImageFormat::Jpeg | ImageFormat::Auto | ImageFormat::Same, _) => jpeg,
     }
@@ -133,19 +140,34 @@ impl PassTwo<'_> {
     ///
     /// # Errors
     /// Reading or writing failed.
-    pub fn run(&self, mut out: Output, mut file: OutputFile, threads: &Threads, progress: &dyn Progress) -> Result<Vec<Report>> {
+    pub fn run(
+        &self,
+        mut out: Output,
+        mut file: OutputFile,
+        threads: &Threads,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Report>> {
         let mut warnings = Vec::new();
         let kept = self.copy_declarations(&mut out, &mut warnings);
         let account = |camera: &OfCamera<'_>, out: &mut Output| -> Result<Account> {
-            Ok(Account { added: camera.add_channels(out)?, tally: Tally::default(), report: camera.empty_report(self.recording) })
+            Ok(Account {
+                added: camera.add_channels(out)?,
+                tally: Tally::default(),
+                report: camera.empty_report(self.recording),
+            })
         };
-        let mut accounts = self.cameras.iter().map(|camera| account(camera, &mut out)).collect::<Result<Vec<_>>>()?;
+        let mut accounts = self
+            .cameras
+            .iter()
+            .map(|camera| account(camera, &mut out))
+            .collect::<Result<Vec<_>>>()?;
         let srgb = SrgbTable::new(Shoulder { from: self.config.render.shoulder_from });
 
         progress.begin(Step::Correct, self.cameras.iter().map(|c| c.survey.frames.len()).sum());
         let mut copied = 0;
         let mut next_frame = vec![0; self.cameras.len()];
-        // Three stages, each on all cores and in order: blocks are read, frames are corrected, pieces of the output are packed.
+        // Three stages, each on all cores and in order: blocks are read, frames are corrected,
+        // pieces of the output are packed.
         let read = |block: &Block| self.items(block, &kept);
         let correct = |frame: Frame| self.worked(frame, &srgb);
         let pack = |piece: Piece| Ok(piece.into_bytes());
@@ -154,7 +176,9 @@ impl PassTwo<'_> {
             let blocks = self.recording.blocks().iter().filter(|block| block.may_hold(self.window));
             // Two at least, however large: one is read while the other is worked on.
             let blocks = blocks.map(|block| (block.weight().min(chunks / 2), Job::Work(block)));
-            let items = lanes.in_order(blocks, chunks, &read).flat_map(|items| items.unwrap_or_else(|e| vec![Item::Failed(e)]));
+            let items = lanes
+                .in_order(blocks, chunks, &read)
+                .flat_map(|items| items.unwrap_or_else(|e| vec![Item::Failed(e)]));
             let frames = items.map(|item| self.job(item, &mut next_frame, threads.count()));
             let mut outcomes = lanes.in_order(frames, UNDER_WAY, &correct).fuse();
             let pieces = std::iter::from_fn(|| {
@@ -164,7 +188,9 @@ impl PassTwo<'_> {
                     }
                     match outcomes.next() {
                         Some(Outcome::Failed(error)) => return Some((0, Job::Done(Err(error)))),
-                        Some(outcome) => copied += self.take(outcome, &kept, &mut out, &mut accounts, progress),
+                        Some(outcome) => {
+                            copied += self.take(outcome, &kept, &mut out, &mut accounts, progress)
+                        }
                         None => {
                             out.flush();
                             let last = out.next_piece()?;
@@ -185,7 +211,8 @@ impl PassTwo<'_> {
             // What is said of the log as a whole stands with the first camera.
             report.messages_copied = copied;
             report.warnings.extend(warnings);
-            report.damage = camera.scan.damage.iter().cloned().chain(camera.scan.homeless_damage()).collect();
+            report.damage =
+                camera.scan.damage.iter().cloned().chain(camera.scan.homeless_damage()).collect();
             report.cameras_left_out.clone_from(&self.left_out);
         }
         self.finish(&out, file, &mut reports)?;
@@ -193,19 +220,28 @@ impl PassTwo<'_> {
     }
 
     /// Copies every schema and every channel that is kept; says which channels those are.
-    fn copy_declarations(&self, out: &mut Output, warnings: &mut Vec<String>) -> BTreeMap<u16, bool> {
+    fn copy_declarations(
+        &self,
+        out: &mut Output,
+        warnings: &mut Vec<String>,
+    ) -> BTreeMap<u16, bool> {
         for (id, schema) in &self.recording.schemas {
             out.copy_schema(*id, schema);
         }
         let mut kept = BTreeMap::new();
         for (id, channel) in &self.recording.channels {
-            let raw = self.config.output.drop_raw && self.cameras.iter().any(|c| c.survey.camera_channels.contains(id));
+            let raw = self.config.output.drop_raw
+                && self.cameras.iter().any(|c| c.survey.camera_channels.contains(id));
             let keep = !raw && self.only.as_ref().is_none_or(|only| only.is_match(&channel.topic));
             kept.insert(*id, keep);
             if keep {
-                if channel.schema_id != 0 && !self.recording.schemas.contains_key(&channel.schema_id) {
-                    warnings
-                        .push(format!("{}: its schema {} is nowhere in the log; the channel is kept without one", channel.topic, channel.schema_id));
+                if channel.schema_id != 0
+                    && !self.recording.schemas.contains_key(&channel.schema_id)
+                {
+                    warnings.push(format!(
+                        "{}: its schema {} is nowhere in the log; the channel is kept without one",
+                        channel.topic, channel.schema_id
+                    ));
                 }
                 self.copy_channel(out, *id);
             }
@@ -215,12 +251,23 @@ impl PassTwo<'_> {
 
     fn copy_channel(&self, out: &mut Output, id: u16) {
         let Some(channel) = self.recording.channels.get(&id) else { return };
-        let schema_id = if self.recording.schemas.contains_key(&channel.schema_id) { channel.schema_id } else { 0 };
+        let schema_id = if self.recording.schemas.contains_key(&channel.schema_id) {
+            channel.schema_id
+        } else {
+            0
+        };
         out.copy_channel(id, &crate::recording::Channel { schema_id, ..channel.clone() });
     }
 
     /// Puts what is done into the output; how many messages of the input that are.
-    fn take(&self, outcome: Outcome, kept: &BTreeMap<u16, bool>, out: &mut Output, accounts: &mut [Account], progress: &dyn Progress) -> u64 {
+    fn take(
+        &self,
+        outcome: Outcome,
+        kept: &BTreeMap<u16, bool>,
+        out: &mut Output,
+        accounts: &mut [Account],
+        progress: &dyn Progress,
+    ) -> u64 {
         let mut copied = 0;
         match outcome {
             Outcome::Failed(_) => {}
@@ -234,8 +281,10 @@ impl PassTwo<'_> {
             }
             Outcome::Frame { camera, done, in_chunk } => {
                 let is_kept = kept.get(&done.message.channel).copied();
-                // `--drop-raw` leaves out what has a corrected twin; a frame without one is all there is of it.
-                let spared = is_kept == Some(false) && self.config.output.drop_raw && done.result.is_err();
+                // `--drop-raw` leaves out what has a corrected twin; a frame without one is all
+                // there is of it.
+                let spared =
+                    is_kept == Some(false) && self.config.output.drop_raw && done.result.is_err();
                 if spared {
                     self.copy_channel(out, done.message.channel);
                 }
@@ -245,7 +294,8 @@ impl PassTwo<'_> {
                 }
                 let Account { added, tally, report } = &mut accounts[camera];
                 tally.count(&done);
-                report.messages_added += self.cameras[camera].write_frame(out, added, &done, report.frames == 0, tally);
+                report.messages_added +=
+                    self.cameras[camera].write_frame(out, added, &done, report.frames == 0, tally);
                 report.frames += 1;
                 progress.advance(1);
             }
@@ -253,12 +303,15 @@ impl PassTwo<'_> {
         copied
     }
 
-    /// Attachments and metadata: the input's, then ours. Those of all but the first camera have its place before their names.
+    /// Attachments and metadata: the input's, then ours. Those of all but the first camera have its
+    /// place before their names.
     fn finish(&self, out: &Output, mut file: OutputFile, reports: &mut [Report]) -> Result<()> {
         for attachment in self.recording.attachments() {
             match attachment {
                 Ok(attachment) => file.copy_attachment(self.recording, &attachment)?,
-                Err(damage) => reports.iter_mut().take(1).for_each(|r| r.damage.push(damage.clone())),
+                Err(damage) => {
+                    reports.iter_mut().take(1).for_each(|r| r.damage.push(damage.clone()))
+                }
             }
         }
         for record in &self.recording.metadata {
@@ -279,7 +332,13 @@ impl PassTwo<'_> {
             for (name, media_type, text) in texts {
                 let name = format!("{}/{name}", camera.place);
                 let name = name.trim_start_matches('/');
-                file.attach(&NewAttachment { log_time: last, create_time: first, name, media_type, data: text.as_bytes() })?;
+                file.attach(&NewAttachment {
+                    log_time: last,
+                    create_time: first,
+                    name,
+                    media_type,
+                    data: text.as_bytes(),
+                })?;
             }
             let facts = [
                 ("version", report.version.clone()),
@@ -322,8 +381,17 @@ mod tests {
     #[test]
     fn topics_follow_image_transport() {
         assert_eq!(corrected_topic("/camera/image_raw", false), "/camera/image_corrected");
-        assert_eq!(corrected_topic("/camera/image_raw", true), "/camera/image_corrected/compressed");
-        assert_eq!(corrected_topic("/camera/image_color/compressed", true), "/camera/image_corrected/compressed");
-        assert_eq!(corrected_topic("/stereo/left", true), "/stereo/left/image_corrected/compressed");
+        assert_eq!(
+            corrected_topic("/camera/image_raw", true),
+            "/camera/image_corrected/compressed"
+        );
+        assert_eq!(
+            corrected_topic("/camera/image_color/compressed", true),
+            "/camera/image_corrected/compressed"
+        );
+        assert_eq!(
+            corrected_topic("/stereo/left", true),
+            "/stereo/left/image_corrected/compressed"
+        );
     }
 }

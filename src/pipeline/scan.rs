@@ -1,4 +1,5 @@
-//! The first walk over a log: who speaks on which channel, what the small messages say. Pictures are only counted.
+//! The first walk over a log: who speaks on which channel, what the small messages say. Pictures
+//! are only counted.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,7 +7,9 @@ use nalgebra::UnitQuaternion;
 
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
-use crate::messages::{Decoder, DepthPixels, Edge, HeightCheck, Kind, NamedNumber, attitude_frame, heading};
+use crate::messages::{
+    Decoder, DepthPixels, Edge, HeightCheck, Kind, NamedNumber, attitude_frame, heading,
+};
 use crate::recording::{Block, Channel, Contents, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
 use crate::vehicle::{Calibration, DvlFacts, Ping};
@@ -93,14 +96,25 @@ pub struct Scan {
 }
 
 /// Decoders for the channels known so far; complaints about schemas that cannot be parsed.
-fn decoder(recording: &Recording, channel: &Channel, dvl: &DvlFacts) -> Result<Option<Decoder>, String> {
+fn decoder(
+    recording: &Recording,
+    channel: &Channel,
+    dvl: &DvlFacts,
+) -> Result<Option<Decoder>, String> {
     let schema = recording.schemas.get(&channel.schema_id);
     if dvl.path.is_some() && dvl.topic.as_ref() == Some(&channel.topic) {
-        let (name, encoding, data) = schema.map_or(("", "", &[][..]), |s| (&s.name, &s.encoding, &s.data));
+        let (name, encoding, data) =
+            schema.map_or(("", "", &[][..]), |s| (&s.name, &s.encoding, &s.data));
         return Decoder::by_path(&channel.message_encoding, name, encoding, data).map(Some);
     }
     match schema {
-        Some(schema) => Decoder::for_channel(&channel.topic, &channel.message_encoding, &schema.name, &schema.encoding, &schema.data),
+        Some(schema) => Decoder::for_channel(
+            &channel.topic,
+            &channel.message_encoding,
+            &schema.name,
+            &schema.encoding,
+            &schema.data,
+        ),
         None => Ok(None),
     }
 }
@@ -110,20 +124,33 @@ fn is_probed(index: usize) -> bool {
     index < 3 || index.is_power_of_two()
 }
 
-/// Attitudes nearer than this tell no more of a vehicle, and hours at hundreds a second would fill memory [s].
+/// Attitudes nearer than this tell no more of a vehicle, and hours at hundreds a second would fill
+/// memory [s].
 const ATTITUDES_APART_S: f64 = 0.015;
 
 /// Blocks under way, for each core [byte].
 const UNDER_WAY: usize = 16 << 20;
 
-/// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window: outside of it, only
-/// blocks are read that may hold them.
+/// Walks the log once. Mounts and calibrations are taken from all of it, the rest from the window:
+/// outside of it, only blocks are read that may hold them.
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts, threads: &Threads) -> crate::error::Result<Scan> {
-    let mut scan =
-        Scan { channels: BTreeMap::new(), decoders: BTreeMap::new(), damage: recording.damage.clone(), messages: 0, span: None, homeless: 0, window };
+pub fn scan(
+    recording: &Recording,
+    window: Window,
+    dvl: &DvlFacts,
+    threads: &Threads,
+) -> crate::error::Result<Scan> {
+    let mut scan = Scan {
+        channels: BTreeMap::new(),
+        decoders: BTreeMap::new(),
+        damage: recording.damage.clone(),
+        messages: 0,
+        span: None,
+        homeless: 0,
+        window,
+    };
     for (id, channel) in &recording.channels {
         let mut of_channel = ChannelScan::default();
         match decoder(recording, channel, dvl) {
@@ -139,7 +166,9 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts, threads: &Thr
     let read = |(number, block): (u32, &Block)| Ok((number, recording.read(block, Window::ALL)?));
     let under_way = threads.count() * UNDER_WAY;
     threads.lanes(|lanes| {
-        let blocks = wanted.into_iter().map(|(number, block)| (block.weight().min(under_way / 2), Job::Work((number, block))));
+        let blocks = wanted
+            .into_iter()
+            .map(|(number, block)| (block.weight().min(under_way / 2), Job::Work((number, block))));
         lanes.in_order(blocks, under_way, &read).try_for_each(|block| -> crate::error::Result<()> {
             let (number, Contents { entries, .. }) = block?;
             for (place, entry) in (0..).zip(entries) {
@@ -161,18 +190,20 @@ pub fn scan(recording: &Recording, window: Window, dvl: &DvlFacts, threads: &Thr
     for channel in scan.channels.values_mut() {
         if !channel.offsets.is_empty() {
             let middle = channel.offsets.len() / 2;
-            channel.clock_offset_s = Some(*channel.offsets.select_nth_unstable_by(middle, f64::total_cmp).1);
+            channel.clock_offset_s =
+                Some(*channel.offsets.select_nth_unstable_by(middle, f64::total_cmp).1);
             channel.offsets = Vec::new();
         }
     }
     Ok(scan)
 }
 
-/// Blocks that a scan reads: those of the window; outside of it the first of every channel, which says what the channel
-/// carries, and all with latched mounts.
+/// Blocks that a scan reads: those of the window; outside of it the first of every channel, which
+/// says what the channel carries, and all with latched mounts.
 fn wanted_blocks(recording: &Recording, window: Window) -> Vec<(u32, &Block)> {
     let mut met: BTreeSet<u16> = BTreeSet::new();
-    let is_latched = |id: &u16| recording.channels.get(id).is_some_and(|c| c.topic.ends_with("tf_static"));
+    let is_latched =
+        |id: &u16| recording.channels.get(id).is_some_and(|c| c.topic.ends_with("tf_static"));
     let mut wanted = |(_, block): &(u32, &Block)| match block.channels() {
         None => true,
         Some(channels) => {
@@ -187,7 +218,8 @@ impl Scan {
     /// Drops what the sensors said, once a survey has taken what it needs: it grows with the log.
     pub fn forget_readings(&mut self) {
         for channel in self.channels.values_mut() {
-            (channel.pings, channel.depths, channel.heights, channel.attitudes) = Default::default();
+            (channel.pings, channel.depths, channel.heights, channel.attitudes) =
+                Default::default();
         }
     }
 
@@ -197,9 +229,13 @@ impl Scan {
         (self.homeless > 0).then_some(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })
     }
 
-    /// What only the channel's first message can say: JSON without a schema, depth in the shape of a picture.
+    /// What only the channel's first message can say: JSON without a schema, depth in the shape of
+    /// a picture.
     fn know(&mut self, channel: &Channel, message: &Message) {
-        let Some(of_channel) = self.channels.get_mut(&message.channel).filter(|c| !c.shape_asked) else { return };
+        let Some(of_channel) = self.channels.get_mut(&message.channel).filter(|c| !c.shape_asked)
+        else {
+            return;
+        };
         of_channel.shape_asked = true;
         if let Some(decoder) = self.decoders.get_mut(&message.channel) {
             decoder.settle(&channel.topic, message.data());
@@ -234,7 +270,11 @@ impl Scan {
         if let Err(complaint) = channel.read(decoder, kind, message, place, dvl) {
             // A picture that cannot be read is still a frame: both passes count it.
             if matches!(kind, Kind::Picture(_)) {
-                channel.frames.push(FrameRef { stamp: message.logged(), logged: message.logged(), place });
+                channel.frames.push(FrameRef {
+                    stamp: message.logged(),
+                    logged: message.logged(),
+                    place,
+                });
             }
             channel.unreadable.0 += 1;
             channel.unreadable.1.get_or_insert(complaint);
@@ -243,7 +283,14 @@ impl Scan {
 }
 
 impl ChannelScan {
-    fn read(&mut self, decoder: &Decoder, kind: Kind, message: &Message, place: (u32, u32), dvl: &DvlFacts) -> Result<(), String> {
+    fn read(
+        &mut self,
+        decoder: &Decoder,
+        kind: Kind,
+        message: &Message,
+        place: (u32, u32),
+        dvl: &DvlFacts,
+    ) -> Result<(), String> {
         let value = decoder.read(message.data())?;
         let said = heading(&value);
         let logged = message.logged();
@@ -253,7 +300,11 @@ impl ChannelScan {
             None => self.unstamped += 1,
         }
         if self.frame_id.is_empty() {
-            self.frame_id = if matches!(kind, Kind::Attitude(_)) { attitude_frame(&value) } else { said.frame_id };
+            self.frame_id = if matches!(kind, Kind::Attitude(_)) {
+                attitude_frame(&value)
+            } else {
+                said.frame_id
+            };
         }
         match kind {
             Kind::Picture(decode) => {
@@ -280,8 +331,14 @@ impl ChannelScan {
             Kind::Attitude(decode) => match decode(&value)? {
                 Some(rotation) => {
                     // By both times: stamps may stand still, and messages be logged in bursts.
-                    let near = |from: Stamp, to: Stamp| (0.0..ATTITUDES_APART_S).contains(&to.seconds_since(from));
-                    if !self.attitudes.last().is_some_and(|(s, l, _)| near(*s, stamp) && near(*l, logged)) {
+                    let near = |from: Stamp, to: Stamp| {
+                        (0.0..ATTITUDES_APART_S).contains(&to.seconds_since(from))
+                    };
+                    if !self
+                        .attitudes
+                        .last()
+                        .is_some_and(|(s, l, _)| near(*s, stamp) && near(*l, logged))
+                    {
                         self.attitudes.push((stamp, logged, rotation));
                     }
                 }
@@ -329,6 +386,10 @@ impl ChannelScan {
     /// Pings with at least three returns, at least one, and any altitude.
     pub fn ping_counts(&self) -> (usize, usize, usize) {
         let count = |f: &dyn Fn(&Ping) -> bool| self.pings.iter().filter(|(p, _)| f(p)).count();
-        (count(&|p| p.returns() >= 3), count(&|p| p.returns() >= 1), count(&|p| p.altitude.is_some()))
+        (
+            count(&|p| p.returns() >= 3),
+            count(&|p| p.returns() >= 1),
+            count(&|p| p.altitude.is_some()),
+        )
     }
 }

@@ -1,5 +1,5 @@
-//! Scan → survey: which camera, which range instrument, where all of it sits. Every refusal names what was found,
-//! what is needed, and the key or option that supplies it.
+//! Scan → survey: which camera, which range instrument, where all of it sits. Every refusal names
+//! what was found, what is needed, and the key or option that supplies it.
 
 mod checks;
 mod choose;
@@ -85,7 +85,8 @@ impl Survey {
         self.settings.iter().find(|series| (&series.topic, &series.name) == (&of.topic, &of.name))
     }
 
-    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its neighbours.
+    /// Light of a frame over others: by its settings, and where pass one saw it stand out from its
+    /// neighbours.
     pub fn frame_gain(&self, file: &ModelFile, stamp: Stamp) -> f64 {
         let by_setting = |s: &LightSettingFile| Some(s.log_gain(self.setting(s)?.at(stamp)?));
         let set: f64 = file.light_settings.iter().filter_map(by_setting).sum::<f64>().exp();
@@ -94,9 +95,16 @@ impl Survey {
 
     /// Settings that a model counts on and this log does not tell, a sentence each.
     pub fn missing_settings(&self, file: &ModelFile) -> Vec<String> {
-        let missing = file.light_settings.iter().filter(|s| self.setting(s).is_none_or(|series| series.values.is_empty()));
+        let missing = file
+            .light_settings
+            .iter()
+            .filter(|s| self.setting(s).is_none_or(|series| series.values.is_empty()));
         let said = |s: &LightSettingFile| {
-            format!("the model takes {} of {} off, which this log does not tell: pictures may be too bright or too dark by a factor", s.name, s.topic)
+            format!(
+                "the model takes {} of {} off, which this log does not tell: pictures may be too \
+                 bright or too dark by a factor",
+                s.name, s.topic
+            )
         };
         missing.map(said).collect()
     }
@@ -110,7 +118,13 @@ pub fn channel_list(recording: &Recording) -> String {
     let list: Vec<String> = recording
         .channels
         .values()
-        .map(|c| format!("{} ({})", c.topic, recording.schemas.get(&c.schema_id).map_or("no schema", |s| s.name.as_str())))
+        .map(|c| {
+            format!(
+                "{} ({})",
+                c.topic,
+                recording.schemas.get(&c.schema_id).map_or("no schema", |s| s.name.as_str())
+            )
+        })
         .collect();
     if list.is_empty() { "no channels at all".into() } else { list.join(", ") }
 }
@@ -119,24 +133,47 @@ pub fn channel_list(recording: &Recording) -> String {
 ///
 /// # Errors
 /// No camera, several cameras, no ranges, no calibration, no mount.
-pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig_file: &RigFile, config: &Config) -> Result<Survey> {
+pub fn survey(
+    recording: &Recording,
+    scan: &mut Scan,
+    selection: &Selection,
+    rig_file: &RigFile,
+    config: &Config,
+) -> Result<Survey> {
     let (mut remarks, mut warnings) = (Vec::new(), Vec::new());
     let camera_topic = choose_camera(recording, scan, selection, &mut remarks)?;
-    let camera_channels = channels_of(recording, scan, &camera_topic, |k| matches!(k, Kind::Picture(_)));
-    let of_camera: Vec<&ChannelScan> = camera_channels.iter().filter_map(|id| scan.channels.get(id)).collect();
+    let camera_channels =
+        channels_of(recording, scan, &camera_topic, |k| matches!(k, Kind::Picture(_)));
+    let of_camera: Vec<&ChannelScan> =
+        camera_channels.iter().filter_map(|id| scan.channels.get(id)).collect();
     let picture = of_camera.iter().find_map(|c| c.picture);
-    let camera_frame = of_camera.iter().map(|c| c.frame_id.clone()).find(|f| !f.is_empty()).unwrap_or_default();
+    let camera_frame =
+        of_camera.iter().map(|c| c.frame_id.clone()).find(|f| !f.is_empty()).unwrap_or_default();
     let container = of_camera.iter().find_map(|c| c.container).unwrap_or(Container::Raw);
     let picture_bytes = of_camera.iter().map(|c| c.largest_picture).max().unwrap_or(0);
-    let white_level = config.light.white_level.or_else(|| of_camera.iter().find_map(|c| c.white_level()));
+    let white_level =
+        config.light.white_level.or_else(|| of_camera.iter().find_map(|c| c.white_level()));
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
-    let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut remarks, &mut warnings)?;
+    let camera = calibration(
+        recording,
+        scan,
+        rig_file,
+        &camera_topic,
+        picture,
+        &mut remarks,
+        &mut warnings,
+    )?;
     let pixels = picture.map_or(camera.width * camera.height, |(w, h)| w.saturating_mul(h));
     let response = response(rig_file)?;
     let flat_field = flat_field(rig_file, &camera, picture, response.as_ref(), config)?;
     checks::depths_to_beams(recording, scan, &mut warnings);
-    let dvl_id = choose_ranges(recording, scan, selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()), rig_file)?;
+    let dvl_id = choose_ranges(
+        recording,
+        scan,
+        selection.dvl.as_ref().or(rig_file.dvl.topic.as_ref()),
+        rig_file,
+    )?;
     let dvl_topic = topic(recording, dvl_id);
 
     // Frames come in the order of the file: that is how both passes meet them.
@@ -149,18 +186,39 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     let offset_s = checks::offset_s(rig_file, &camera_topic);
     let mut frames = frames;
     frames.iter_mut().for_each(|f| f.stamp = f.stamp.later(offset_s));
-    for (name, id) in [(&camera_topic, camera_channels.first().copied()), (&dvl_topic, Some(dvl_id))] {
+    for (name, id) in
+        [(&camera_topic, camera_channels.first().copied()), (&dvl_topic, Some(dvl_id))]
+    {
         let stamps: Vec<Stamp> = if name == &camera_topic {
             frames.iter().map(|f| f.stamp).collect()
         } else {
-            scan.channels.get(&dvl_id).map(|c| c.pings.iter().map(|(p, _)| p.stamp).collect()).unwrap_or_default()
+            scan.channels
+                .get(&dvl_id)
+                .map(|c| c.pings.iter().map(|(p, _)| p.stamp).collect())
+                .unwrap_or_default()
         };
         let channel = id.and_then(|id| scan.channels.get(&id));
-        warnings.extend(channel.into_iter().flat_map(|c| checks::ranges(&c.pings)).map(|w| format!("{name}: {w}")));
-        warnings.extend(channel.into_iter().flat_map(|c| checks::clock(c, &stamps)).map(|w| format!("{name}: {w}")));
+        warnings.extend(
+            channel
+                .into_iter()
+                .flat_map(|c| checks::ranges(&c.pings))
+                .map(|w| format!("{name}: {w}")),
+        );
+        warnings.extend(
+            channel
+                .into_iter()
+                .flat_map(|c| checks::clock(c, &stamps))
+                .map(|w| format!("{name}: {w}")),
+        );
     }
-    for unknown in rig_file.time_offset_s.keys().filter(|t| recording.channels.values().all(|c| c.topic != **t)) {
-        warnings.push(format!("rig file: time_offset_s names {unknown:?}, which the log does not have"));
+    for unknown in rig_file
+        .time_offset_s
+        .keys()
+        .filter(|t| recording.channels.values().all(|c| c.topic != **t))
+    {
+        warnings.push(format!(
+            "rig file: time_offset_s names {unknown:?}, which the log does not have"
+        ));
     }
 
     let mounts = Mounts::new(recording, scan);
@@ -192,16 +250,22 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
             })?)
         }
     };
-    let strobe = strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut remarks)?;
-    let (attitude_topic, attitude) = attitude(recording, scan, &mounts, &body_frame, (clock, rig_file), config, &mut remarks);
+    let strobe =
+        strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut remarks)?;
+    let (attitude_topic, attitude) =
+        attitude(recording, scan, &mounts, &body_frame, (clock, rig_file), config, &mut remarks);
 
     let mut pings = Vec::new();
     if let Some(channel) = scan.channels.get_mut(&dvl_id) {
         remarks.extend(channel.remarks.iter().map(|r| format!("{dvl_topic}: {r}")));
-        warnings.extend(checks::slant_or_vertical(&channel.heights).map(|w| format!("{dvl_topic}: {w}")));
+        warnings.extend(
+            checks::slant_or_vertical(&channel.heights).map(|w| format!("{dvl_topic}: {w}")),
+        );
         let trusted = on_camera_clock(channel.clock_offset_s, clock);
         if !trusted {
-            warnings.push(format!("{dvl_topic}: its stamps are not on the camera's clock; the log's times are used"));
+            warnings.push(format!(
+                "{dvl_topic}: its stamps are not on the camera's clock; the log's times are used"
+            ));
         }
         let offset_s = checks::offset_s(rig_file, &dvl_topic);
         pings = std::mem::take(&mut channel.pings)
@@ -219,17 +283,28 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
     for (id, channel) in &scan.channels {
         if let (Some(complaint), count) = (&channel.unreadable.1, channel.unreadable.0) {
             let topic = topic(recording, *id);
-            warnings.push(if count > 0 { format!("{topic}: {count} messages cannot be read: {complaint}") } else { format!("{topic}: {complaint}") });
+            warnings.push(if count > 0 {
+                format!("{topic}: {count} messages cannot be read: {complaint}")
+            } else {
+                format!("{topic}: {complaint}")
+            });
         }
     }
-    if camera_topic.contains("rect") || ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| camera_topic.to_lowercase().contains(w)) {
-        warnings.push(format!("{camera_topic}: by its name these pictures have been processed already"));
+    if camera_topic.contains("rect")
+        || ["dehaz", "enhanc", "clahe", "correct"]
+            .iter()
+            .any(|w| camera_topic.to_lowercase().contains(w))
+    {
+        warnings.push(format!(
+            "{camera_topic}: by its name these pictures have been processed already"
+        ));
     }
     let mut pings = Pings::new(pings, attitude);
     let stamps: Vec<Stamp> = frames.iter().map(|f| f.stamp).collect();
     if let Some(foretold) = pings.find_way(&stamps, &rig, &config.seafloor) {
         remarks.push(format!(
-            "the seafloor is not flat: heights from hits along the track are used (hits that were left out lie {foretold:.2} times as far from them as from the plane)"
+            "the seafloor is not flat: heights from hits along the track are used (hits that were \
+             left out lie {foretold:.2} times as far from them as from the plane)"
         ));
     }
     Ok(Survey {
@@ -245,7 +320,10 @@ pub fn survey(recording: &Recording, scan: &mut Scan, selection: &Selection, rig
         pings,
         flat_field,
         response,
-        electrons: Electrons { full_well: rig_file.camera.full_well_e, read_noise: rig_file.camera.read_noise_e.unwrap_or(0.0) },
+        electrons: Electrons {
+            full_well: rig_file.camera.full_well_e,
+            read_noise: rig_file.camera.read_noise_e.unwrap_or(0.0),
+        },
         settings: settings(recording, scan),
         rig,
         remarks,
@@ -260,7 +338,8 @@ fn response(rig_file: &RigFile) -> Result<Option<Response>> {
         None => Ok(None),
         Some(ResponseFacts::Points(points)) => Response::new(points.clone()).map(Some).map_err(of),
         Some(ResponseFacts::File(path)) => {
-            let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| Error::Read { path: path.clone(), source })?;
             Response::from_csv(&text).map(Some).map_err(of)
         }
     }
@@ -276,29 +355,45 @@ fn flat_field(
 ) -> Result<Option<FlatField>> {
     let (width, height) = picture.unwrap_or((camera.width, camera.height));
     if let Some(path) = &rig_file.camera.flat_field {
-        let data = std::fs::read(path).map_err(|source| Error::Read { path: path.clone(), source })?;
+        let data =
+            std::fs::read(path).map_err(|source| Error::Read { path: path.clone(), source })?;
         let light = Light { transfer: config.light.transfer, white_level: None, response };
         let decoded = decode(&EncodedImage::Compressed { format: "", data: &data }, light);
-        let flat = decoded.map_err(|e| Error::Rig(format!("camera.flat_field {}: {e}", path.display())))?.image.into_bands();
+        let flat = decoded
+            .map_err(|e| Error::Rig(format!("camera.flat_field {}: {e}", path.display())))?
+            .image
+            .into_bands();
         if (flat.width, flat.height) != (width, height) {
-            let sizes = format!("{}×{}, the log's pictures are {width}×{height}", flat.width, flat.height);
+            let sizes =
+                format!("{}×{}, the log's pictures are {width}×{height}", flat.width, flat.height);
             return Err(Error::Rig(format!("camera.flat_field {} is {sizes}", path.display())));
         }
         return Ok(Some(FlatField::from_picture(flat)));
     }
-    let Some((vignetting, camera)) = rig_file.camera.vignetting.zip(camera.scaled_to(width, height)) else { return Ok(None) };
-    Ok(Some(FlatField::from_fn(width, height, |u, v| camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.share(x, y)))))
+    let Some((vignetting, camera)) =
+        rig_file.camera.vignetting.zip(camera.scaled_to(width, height))
+    else {
+        return Ok(None);
+    };
+    Ok(Some(FlatField::from_fn(width, height, |u, v| {
+        camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.share(x, y))
+    })))
 }
 
 /// What camera and strobe were set to.
 fn settings(recording: &Recording, scan: &Scan) -> Vec<SettingSeries> {
     let mut found = Vec::new();
     for (id, channel) in &scan.channels {
-        let mut names: Vec<&'static str> = channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name)).collect();
+        let mut names: Vec<&'static str> =
+            channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name)).collect();
         names.sort_unstable();
         names.dedup();
         for name in names {
-            let values = channel.settings.iter().filter_map(|(stamp, s)| Some((*stamp, s.iter().find(|(n, _)| *n == name)?.1))).collect();
+            let values = channel
+                .settings
+                .iter()
+                .filter_map(|(stamp, s)| Some((*stamp, s.iter().find(|(n, _)| *n == name)?.1)))
+                .collect();
             found.push(SettingSeries::new(topic(recording, *id), name.into(), values));
         }
     }
@@ -309,13 +404,22 @@ fn topic(recording: &Recording, id: u16) -> String {
     recording.channels.get(&id).map(|c| c.topic.clone()).unwrap_or_default()
 }
 
-fn channels_of(recording: &Recording, scan: &Scan, topic: &str, wanted: impl Fn(&Kind) -> bool) -> Vec<u16> {
+fn channels_of(
+    recording: &Recording,
+    scan: &Scan,
+    topic: &str,
+    wanted: impl Fn(&Kind) -> bool,
+) -> Vec<u16> {
     let ids = scan.decoders.iter().filter(|(_, d)| wanted(&d.message_type.kind)).map(|(id, _)| *id);
     ids.filter(|id| recording.channels.get(id).is_some_and(|c| c.topic == topic)).collect()
 }
 
 fn frames_in_file_order(scan: &Scan, channels: &[u16]) -> Vec<FrameRef> {
-    let mut frames: Vec<FrameRef> = channels.iter().filter_map(|id| scan.channels.get(id)).flat_map(|c| c.frames.iter().copied()).collect();
+    let mut frames: Vec<FrameRef> = channels
+        .iter()
+        .filter_map(|id| scan.channels.get(id))
+        .flat_map(|c| c.frames.iter().copied())
+        .collect();
     frames.sort_by_key(|frame| frame.place);
     frames
 }
@@ -329,35 +433,64 @@ fn calibration(
     remarks: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> Result<Camera> {
-    let from_rig = rig_file.camera.calibration(picture).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
+    let from_rig =
+        rig_file.camera.calibration(picture).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
     let from_log = checks::nearest_calibration(recording, scan, camera_topic, picture);
-    if rig_file.camera.horizontal_field_of_view_deg.is_some() && rig_file.camera.fx.is_none() && from_rig.is_some() {
-        warnings.push("the camera is known by its field of view alone: angles near the picture's edge are rough, and a tenth too wide or too narrow moves attenuation by 0.02 to 0.03 per metre".into());
+    if rig_file.camera.horizontal_field_of_view_deg.is_some()
+        && rig_file.camera.fx.is_none()
+        && from_rig.is_some()
+    {
+        warnings.push(
+            "the camera is known by its field of view alone: angles near the picture's edge are \
+             rough, and a tenth too wide or too narrow moves attenuation by 0.02 to 0.03 per metre"
+                .into(),
+        );
     }
-    let camera = from_rig.or(from_log).ok_or_else(|| Error::NoCalibration { topic: camera_topic.into() })?;
+    let camera =
+        from_rig.or(from_log).ok_or_else(|| Error::NoCalibration { topic: camera_topic.into() })?;
     if let Some((w, h)) = picture.filter(|(w, h)| (*w, *h) != (camera.width, camera.height)) {
-        remarks.push(format!("the calibration is for {}×{}, the pictures are {w}×{h}; it is scaled", camera.width, camera.height));
+        remarks.push(format!(
+            "the calibration is for {}×{}, the pictures are {w}×{h}; it is scaled",
+            camera.width, camera.height
+        ));
     }
     let in_water = rig_file.camera.in_water(camera);
     if in_water != camera {
-        remarks.push(format!("the calibration was made in air; behind a flat port in water its focal length is {:.1} px", in_water.fx));
+        remarks.push(format!(
+            "the calibration was made in air; behind a flat port in water its focal length is \
+             {:.1} px",
+            in_water.fx
+        ));
     }
     Ok(in_water)
 }
 
-fn dvl_mount(mounts: &Mounts<'_>, body_frame: &str, dvl_frame: &str, dvl_topic: &str, remarks: &mut Vec<String>) -> Option<Isometry3<f64>> {
+fn dvl_mount(
+    mounts: &Mounts<'_>,
+    body_frame: &str,
+    dvl_frame: &str,
+    dvl_topic: &str,
+    remarks: &mut Vec<String>,
+) -> Option<Isometry3<f64>> {
     if !dvl_frame.is_empty()
         && let Some(pose) = mounts.pose_below(body_frame, dvl_frame)
     {
         return Some(pose);
     }
-    // The frame is not in the tree (`dvl_A50_report_link`, `dvl_altitude`): a frame that begins alike, or that the
-    // topic is named after, stands in for it.
-    let word = |name: &str| name.split(['_', '/']).find(|w| !w.is_empty()).unwrap_or("").to_ascii_lowercase();
+    // The frame is not in the tree (`dvl_A50_report_link`, `dvl_altitude`): a frame that begins
+    // alike, or that the topic is named after, stands in for it.
+    let word = |name: &str| {
+        name.split(['_', '/']).find(|w| !w.is_empty()).unwrap_or("").to_ascii_lowercase()
+    };
     let wanted = [word(dvl_frame), word(dvl_topic)];
-    let stand_in =
-        mounts.frames().into_iter().find(|f| wanted.iter().any(|w| !w.is_empty() && word(f) == *w) && mounts.pose_below(body_frame, f).is_some())?;
-    remarks.push(format!("the frame {dvl_frame:?} of {dvl_topic} is not in the TF tree; {stand_in:?} stands in for it"));
+    let stand_in = mounts.frames().into_iter().find(|f| {
+        wanted.iter().any(|w| !w.is_empty() && word(f) == *w)
+            && mounts.pose_below(body_frame, f).is_some()
+    })?;
+    remarks.push(format!(
+        "the frame {dvl_frame:?} of {dvl_topic} is not in the TF tree; {stand_in:?} stands in for \
+         it"
+    ));
     mounts.pose_below(body_frame, stand_in)
 }
 
@@ -393,7 +526,8 @@ fn attitude(
         .map(|(id, _)| *id);
     let Some((id, channel)) = best.and_then(|id| Some((id, scan.channels.get(&id)?))) else {
         remarks.push(
-            "the log has no attitude: hits are not turned between ping and frame, and one or two returns mean a floor square to the instrument"
+            "the log has no attitude: hits are not turned between ping and frame, and one or two \
+             returns mean a floor square to the instrument"
                 .into(),
         );
         return (None, AttitudeTrack::default());
@@ -403,14 +537,23 @@ fn attitude(
         Some(pose) => pose.rotation.inverse(),
         None => {
             if channel.frame_id != body_frame {
-                remarks.push(format!("{name}: its frame {:?} is not in the TF tree; taken as aligned with the vehicle", channel.frame_id));
+                remarks.push(format!(
+                    "{name}: its frame {:?} is not in the TF tree; taken as aligned with the \
+                     vehicle",
+                    channel.frame_id
+                ));
             }
             nalgebra::UnitQuaternion::identity()
         }
     };
     let trusted = on_camera_clock(channel.clock_offset_s, clock);
     let offset_s = checks::offset_s(rig_file, &name);
-    let at = |stamp: &Stamp, logged: &Stamp| if trusted { *stamp } else { shifted(*logged, clock) }.later(offset_s);
-    let samples = channel.attitudes.iter().map(|(stamp, logged, q)| (at(stamp, logged), q * sensor_from_body));
+    let at = |stamp: &Stamp, logged: &Stamp| {
+        if trusted { *stamp } else { shifted(*logged, clock) }.later(offset_s)
+    };
+    let samples = channel
+        .attitudes
+        .iter()
+        .map(|(stamp, logged, q)| (at(stamp, logged), q * sensor_from_body));
     (Some(name), AttitudeTrack::new(samples.collect(), config.seafloor.max_attitude_gap_s))
 }

@@ -1,8 +1,10 @@
-//! Reading: positioned reads and an index of the file's blocks, made by walking the record heads once.
+//! Reading: positioned reads and an index of the file's blocks, made by walking the record heads
+//! once.
 //!
-//! No summary is needed, so a log that was cut short reads like any other, up to the last whole record of its
-//! last chunk. A chunk is read when it is asked for, checked against its checksum, and forgotten.
-//! Memory scales with the chunk, not with the log. A chunk that lies about its size is read as far as its data goes.
+//! No summary is needed, so a log that was cut short reads like any other, up to the last whole
+//! record of its last chunk. A chunk is read when it is asked for, checked against its checksum,
+//! and forgotten. Memory scales with the chunk, not with the log. A chunk that lies about its size
+//! is read as far as its data goes.
 
 mod attachment;
 mod block;
@@ -129,8 +131,12 @@ impl Recording {
         if magic != MAGIC {
             let hint = match &magic[..] {
                 [] => " (it is empty)",
-                [b'#', b'R', b'O', b'S', b'B', b'A', b'G', ..] => " but a ROS 1 bag; convert it first: `mcap convert in.bag out.mcap`",
-                [b'S', b'Q', b'L', b'i', b't', b'e', ..] => " but a ROS 2 SQLite bag; convert it first: `ros2 bag convert`",
+                [b'#', b'R', b'O', b'S', b'B', b'A', b'G', ..] => {
+                    " but a ROS 1 bag; convert it first: `mcap convert in.bag out.mcap`"
+                }
+                [b'S', b'Q', b'L', b'i', b't', b'e', ..] => {
+                    " but a ROS 2 SQLite bag; convert it first: `ros2 bag convert`"
+                }
                 [0x28, 0xb5, 0x2f, 0xfd, ..] => " but a zstd file; decompress it first: `zstd -d`",
                 _ => "",
             };
@@ -156,7 +162,10 @@ impl Recording {
         // Without a summary, or with one that repeats no channels, they stand only inside chunks.
         if !recording.is_complete || recording.channels.is_empty() {
             for number in 0..recording.blocks.len() {
-                let inside = recording.contents(&recording.blocks[number], Window::ALL).map_err(read)?.declared;
+                let inside = recording
+                    .contents(&recording.blocks[number], Window::ALL)
+                    .map_err(read)?
+                    .declared;
                 inside.into_iter().for_each(|r| recording.declare(r));
             }
         }
@@ -207,11 +216,20 @@ impl Recording {
     fn declare(&mut self, record: Record<'_>) {
         match record {
             Record::Schema { header, data } if header.id != 0 => {
-                let schema = Schema { name: header.name, encoding: header.encoding, data: data.into_owned() };
+                let schema = Schema {
+                    name: header.name,
+                    encoding: header.encoding,
+                    data: data.into_owned(),
+                };
                 self.schemas.entry(header.id).or_insert(schema);
             }
             Record::Channel(c) => {
-                let channel = Channel { schema_id: c.schema_id, topic: c.topic, message_encoding: c.message_encoding, metadata: c.metadata };
+                let channel = Channel {
+                    schema_id: c.schema_id,
+                    topic: c.topic,
+                    message_encoding: c.message_encoding,
+                    metadata: c.metadata,
+                };
                 self.channels.entry(c.id).or_insert(channel);
             }
             _ => {}
@@ -221,25 +239,29 @@ impl Recording {
     /// Whether a declaration says what the log says, so that it may stand in the output as it is.
     fn declares(&self, record: &Record<'_>) -> bool {
         match record {
-            Record::Schema { header, data } => {
-                self.schemas.get(&header.id).is_some_and(|s| s.name == header.name && s.encoding == header.encoding && s.data == data[..])
-            }
+            Record::Schema { header, data } => self.schemas.get(&header.id).is_some_and(|s| {
+                s.name == header.name && s.encoding == header.encoding && s.data == data[..]
+            }),
             Record::Channel(c) => self.channels.get(&c.id).is_some_and(|known| {
                 let has_schema = c.schema_id == 0 || self.schemas.contains_key(&c.schema_id);
-                let alike = (known.schema_id, &known.topic, &known.message_encoding) == (c.schema_id, &c.topic, &c.message_encoding);
+                let alike = (known.schema_id, &known.topic, &known.message_encoding)
+                    == (c.schema_id, &c.topic, &c.message_encoding);
                 has_schema && alike && known.metadata == c.metadata
             }),
             _ => false,
         }
     }
 
-    /// Messages whose log time lies in the window, in the order of the file, with what could not be read.
+    /// Messages whose log time lies in the window, in the order of the file, with what could not be
+    /// read.
     pub fn messages(&self, window: Window) -> impl Iterator<Item = Entry> + '_ {
-        self.blocks.iter().filter(move |b| b.may_hold(window)).flat_map(move |block| match self.contents(block, window) {
-            Ok(contents) => contents.entries,
-            Err(e) => {
-                let reason = format!("it cannot be read any more: {e}");
-                vec![Entry::Damaged(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })]
+        self.blocks.iter().filter(move |b| b.may_hold(window)).flat_map(move |block| {
+            match self.contents(block, window) {
+                Ok(contents) => contents.entries,
+                Err(e) => {
+                    let reason = format!("it cannot be read any more: {e}");
+                    vec![Entry::Damaged(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })]
+                }
             }
         })
     }

@@ -1,4 +1,5 @@
-//! The file that is read, by positioned reads: nothing is mapped, nothing is kept, and many cores may read at once.
+//! The file that is read, by positioned reads: nothing is mapped, nothing is kept, and many cores
+//! may read at once.
 
 use std::fs::File;
 use std::io;
@@ -21,10 +22,16 @@ impl Source {
         let file = File::open(path)?;
         let facts = file.metadata()?;
         if facts.is_dir() {
-            return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder; give the .mcap file inside it"));
+            return Err(io::Error::new(
+                io::ErrorKind::IsADirectory,
+                "it is a folder; give the .mcap file inside it",
+            ));
         }
         if !facts.is_file() {
-            return Err(io::Error::new(io::ErrorKind::NotSeekable, "it is no file but a stream or a device; write it to a file first"));
+            return Err(io::Error::new(
+                io::ErrorKind::NotSeekable,
+                "it is no file but a stream or a device; write it to a file first",
+            ));
         }
         Ok(Self { file, length: facts.len(), read: AtomicU64::new(0) })
     }
@@ -41,8 +48,14 @@ impl Source {
 
     /// A stretch of it, all of it or an error.
     pub fn bytes(&self, place: Range<u64>) -> io::Result<Vec<u8>> {
-        let too_long = |_| io::Error::new(io::ErrorKind::OutOfMemory, "a stretch of the file is too long for this machine");
-        let mut buffer = vec![0; usize::try_from(place.end.saturating_sub(place.start)).map_err(too_long)?];
+        let too_long = |_| {
+            io::Error::new(
+                io::ErrorKind::OutOfMemory,
+                "a stretch of the file is too long for this machine",
+            )
+        };
+        let mut buffer =
+            vec![0; usize::try_from(place.end.saturating_sub(place.start)).map_err(too_long)?];
         self.fill(&mut buffer, place.start)?;
         self.read.fetch_add(buffer.len() as u64, Ordering::Relaxed);
         Ok(buffer)
@@ -50,7 +63,10 @@ impl Source {
 
     fn fill(&self, buffer: &mut [u8], at: u64) -> io::Result<()> {
         read_exact_at(&self.file, buffer, at).map_err(|e| match e.kind() {
-            io::ErrorKind::UnexpectedEof => io::Error::new(e.kind(), "it became shorter while it was read; is it still being written or copied?"),
+            io::ErrorKind::UnexpectedEof => io::Error::new(
+                e.kind(),
+                "it became shorter while it was read; is it still being written or copied?",
+            ),
             _ => e,
         })
     }

@@ -1,5 +1,6 @@
-//! Writing. [`Output`] puts pieces together: chunks of the input as they are, and chunks of our own behind them. Each
-//! piece becomes bytes on whichever core ([`Piece::into_bytes`]); [`OutputFile`] writes them in order.
+//! Writing. [`Output`] puts pieces together: chunks of the input as they are, and chunks of our own
+//! behind them. Each piece becomes bytes on whichever core ([`Piece::into_bytes`]); [`OutputFile`]
+//! writes them in order.
 
 mod file;
 mod piece;
@@ -29,11 +30,17 @@ pub fn ensure_distinct(input: &Path, output: &Path, force: bool) -> Result<()> {
         return Err(Error::OutputIsInput { path: output.into() });
     }
     if output.is_dir() {
-        let source = std::io::Error::new(std::io::ErrorKind::IsADirectory, "it is a folder; give a file name with -o");
+        let source = std::io::Error::new(
+            std::io::ErrorKind::IsADirectory,
+            "it is a folder; give a file name with -o",
+        );
         return Err(Error::Write { path: output.into(), source });
     }
     if fs::metadata(output).is_ok_and(|found| !found.is_file()) {
-        let source = std::io::Error::new(std::io::ErrorKind::InvalidInput, "it is a device or a pipe; give the name of a file with -o");
+        let source = std::io::Error::new(
+            std::io::ErrorKind::InvalidInput,
+            "it is a device or a pipe; give the name of a file with -o",
+        );
         return Err(Error::Write { path: output.into(), source });
     }
     if output.symlink_metadata().is_ok() && !force {
@@ -73,7 +80,11 @@ impl Output {
     ///
     /// # Errors
     /// The folder cannot be written.
-    pub fn create(target: &Path, profile: &str, config: &OutputConfig) -> Result<(Self, OutputFile)> {
+    pub fn create(
+        target: &Path,
+        profile: &str,
+        config: &OutputConfig,
+    ) -> Result<(Self, OutputFile)> {
         let output = Self {
             compression: config.compression,
             chunk_size: usize::try_from(config.chunk_size_mib << 20).unwrap_or(usize::MAX),
@@ -86,7 +97,8 @@ impl Output {
         Ok((output, OutputFile::create(target, profile)?))
     }
 
-    /// Takes over a schema under its own id. Declarations lie before the chunks, for readers that do not seek.
+    /// Takes over a schema under its own id. Declarations lie before the chunks, for readers that
+    /// do not seek.
     pub fn copy_schema(&mut self, id: u16, schema: &Schema) {
         self.pieces.push_back(Piece::bare(records::schema(id, schema)));
         self.schemas.insert(id, schema.clone());
@@ -103,8 +115,17 @@ impl Output {
     ///
     /// # Errors
     /// The log has as many schemas or channels as MCAP can number.
-    pub fn add_channel(&mut self, topic: &str, message_encoding: &str, schema: &Schema) -> Result<NewChannel> {
-        let full = |what: &str| Error::Usage(format!("the log has as many {what} as MCAP can number; leave some out with --only"));
+    pub fn add_channel(
+        &mut self,
+        topic: &str,
+        message_encoding: &str,
+        schema: &Schema,
+    ) -> Result<NewChannel> {
+        let full = |what: &str| {
+            Error::Usage(format!(
+                "the log has as many {what} as MCAP can number; leave some out with --only"
+            ))
+        };
         let known = self.schemas.iter().find(|(_, s)| *s == schema).map(|(id, _)| *id);
         let schema_id = match known {
             Some(id) => id,
@@ -115,11 +136,20 @@ impl Output {
             }
         };
         let id = free_id(&self.channels).ok_or_else(|| full("channels"))?;
-        self.copy_channel(id, &Channel { schema_id, topic: topic.into(), message_encoding: message_encoding.into(), metadata: BTreeMap::new() });
+        self.copy_channel(
+            id,
+            &Channel {
+                schema_id,
+                topic: topic.into(),
+                message_encoding: message_encoding.into(),
+                metadata: BTreeMap::new(),
+            },
+        );
         Ok(NewChannel(id))
     }
 
-    /// Whether a chunk of the input may stand in the output as it is: in the compression that was asked for, if one was.
+    /// Whether a chunk of the input may stand in the output as it is: in the compression that was
+    /// asked for, if one was.
     pub fn takes(compression: Compression, chunk: &PackedChunk) -> bool {
         match compression {
             Compression::Auto => true,
@@ -141,7 +171,13 @@ impl Output {
     /// Takes over a message, byte for byte.
     pub fn copy(&mut self, message: &Message) {
         self.open.holds_input = true;
-        self.message(message.channel, message.sequence, message.log_time, message.publish_time, message.data());
+        self.message(
+            message.channel,
+            message.sequence,
+            message.log_time,
+            message.publish_time,
+            message.data(),
+        );
     }
 
     /// Adds a message; it is numbered by its channel.
@@ -152,7 +188,14 @@ impl Output {
         self.message(channel.0, sequence, log_time, publish_time, data);
     }
 
-    fn message(&mut self, channel: u16, sequence: u32, log_time: u64, publish_time: u64, data: &[u8]) {
+    fn message(
+        &mut self,
+        channel: u16,
+        sequence: u32,
+        log_time: u64,
+        publish_time: u64,
+        data: &[u8],
+    ) {
         let open = &mut self.open;
         open.messages.push((channel, log_time, open.records.len() as u64));
         let head = records::message_head(channel, sequence, log_time, publish_time, data.len());

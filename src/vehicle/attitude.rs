@@ -1,7 +1,8 @@
 //! Attitude over time: how the body was turned between a ping and a frame.
 //!
-//! In: stamped rotations `world_from_body`, whatever the world's axes (ENU or NED): only differences and
-//! the vertical line are used, and both are the same in either. Out: interpolated rotations (slerp).
+//! In: stamped rotations `world_from_body`, whatever the world's axes (ENU or NED): only
+//! differences and the vertical line are used, and both are the same in either. Out: interpolated
+//! rotations (slerp).
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -36,7 +37,9 @@ impl AttitudeTrack {
     /// Rotation at `stamp`; `None` where the log has none within the gap.
     pub fn world_from_body(&self, stamp: Stamp) -> Option<UnitQuaternion<f64>> {
         let after = self.samples.partition_point(|s| s.0 < stamp);
-        let near = |s: &(Stamp, UnitQuaternion<f64>)| (s.0.seconds_since(stamp).abs() <= self.max_gap_s).then_some(s.1);
+        let near = |s: &(Stamp, UnitQuaternion<f64>)| {
+            (s.0.seconds_since(stamp).abs() <= self.max_gap_s).then_some(s.1)
+        };
         match (after.checked_sub(1).and_then(|i| self.samples.get(i)), self.samples.get(after)) {
             (Some(a), Some(b)) if b.0.seconds_since(a.0) <= 2.0 * self.max_gap_s => {
                 let share = stamp.seconds_since(a.0) / b.0.seconds_since(a.0);
@@ -67,10 +70,20 @@ mod tests {
     #[test]
     fn turns_are_interpolated_and_gaps_are_not() {
         let q = |deg: f64| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), deg.to_radians());
-        let track = AttitudeTrack::new(vec![(Stamp(1_000_000_000), q(10.0)), (Stamp(0), q(0.0)), (Stamp(9_000_000_000), q(0.0))], 0.6);
+        let track = AttitudeTrack::new(
+            vec![
+                (Stamp(1_000_000_000), q(10.0)),
+                (Stamp(0), q(0.0)),
+                (Stamp(9_000_000_000), q(0.0)),
+            ],
+            0.6,
+        );
         let half = track.world_from_body(Stamp(500_000_000)).expect("between two samples");
         assert!((half.angle().to_degrees() - 5.0).abs() < 1e-9);
-        assert!(track.world_from_body(Stamp(4_000_000_000)).is_none(), "eight seconds are not bridged");
+        assert!(
+            track.world_from_body(Stamp(4_000_000_000)).is_none(),
+            "eight seconds are not bridged"
+        );
         let turn = track.turn(Stamp(1_000_000_000), Stamp(0)).expect("both ends");
         assert!((turn * Vector3::y() - q(-10.0) * Vector3::y()).norm() < 1e-9);
     }

@@ -1,9 +1,10 @@
 //! Pixel ⇄ ray for the calibrated camera (paper §II-E: the direction of every pixel must be known).
 //!
-//! Pixel coordinates: the centre of the upper left pixel is (0, 0), as in ROS and OpenCV. Rays are unit
-//! vectors in optical space (x right, y down, z out of the lens). Distortion models as in
-//! `sensor_msgs/CameraInfo` (plumb_bob, rational_polynomial, equidistant) and Foxglove (fisheye62), each also as
-//! calibrated in air and used behind a flat port. The lens's own light fall-off (Eq. 7) does not live here.
+//! Pixel coordinates: the centre of the upper left pixel is (0, 0), as in ROS and OpenCV. Rays are
+//! unit vectors in optical space (x right, y down, z out of the lens). Distortion models as in
+//! `sensor_msgs/CameraInfo` (plumb_bob, rational_polynomial, equidistant) and Foxglove (fisheye62),
+//! each also as calibrated in air and used behind a flat port. The lens's own light fall-off (Eq.
+//! 7) does not live here.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,8 @@ pub enum Distortion {
     Equidistant([f64; 4]),
     /// as equidistant, k0 to k3, and two tangential terms p0, p1
     Fisheye62([f64; 6]),
-    /// calibrated in air, used in water behind a flat port: rays are refracted at the port (Snell), then see the lens
+    /// calibrated in air, used in water behind a flat port: rays are refracted at the port (Snell),
+    /// then see the lens
     FlatPort {
         /// of the water
         refractive_index: f64,
@@ -62,13 +64,17 @@ impl Distortion {
     /// # Errors
     /// The name of a model that is not known.
     pub fn named(model: &str, d: &[f64]) -> Result<Self, String> {
-        if d.iter().all(|v| *v == 0.0) && !matches!(model, "equidistant" | "fisheye" | "kannala_brandt" | "fisheye62") {
+        if d.iter().all(|v| *v == 0.0)
+            && !matches!(model, "equidistant" | "fisheye" | "kannala_brandt" | "fisheye62")
+        {
             return Ok(Self::None);
         }
         match model {
             "" | "none" => Ok(Self::None),
             "plumb_bob" | "radtan" if d.len() <= 5 => Ok(Self::PlumbBob(padded(d))),
-            "rational_polynomial" | "plumb_bob" | "radtan" => Ok(Self::RationalPolynomial(padded(d))),
+            "rational_polynomial" | "plumb_bob" | "radtan" => {
+                Ok(Self::RationalPolynomial(padded(d)))
+            }
             "equidistant" | "fisheye" | "kannala_brandt" => Ok(Self::Equidistant(padded(d))),
             // A seventh number, the largest angle, cuts nothing that a calibrated picture has.
             "fisheye62" => Ok(Self::Fisheye62(padded(d))),
@@ -128,15 +134,22 @@ impl Distortion {
     fn distort(&self, x: f64, y: f64) -> (f64, f64) {
         let brown = |radial: f64, p1: f64, p2: f64| {
             let r2 = x * x + y * y;
-            (x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y)
+            (
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            )
         };
         let r2 = x * x + y * y;
         match self {
             Self::None => (x, y),
-            Self::PlumbBob([k1, k2, p1, p2, k3]) => brown(1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), *p1, *p2),
-            Self::RationalPolynomial([k1, k2, p1, p2, k3, k4, k5, k6]) => {
-                brown((1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))), *p1, *p2)
+            Self::PlumbBob([k1, k2, p1, p2, k3]) => {
+                brown(1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)), *p1, *p2)
             }
+            Self::RationalPolynomial([k1, k2, p1, p2, k3, k4, k5, k6]) => brown(
+                (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))),
+                *p1,
+                *p2,
+            ),
             Self::Equidistant([k1, k2, k3, k4]) => {
                 let r = r2.sqrt();
                 if r < 1e-12 {
@@ -153,10 +166,11 @@ impl Distortion {
                 (x + 2.0 * x * dot + p0 * r2, y + 2.0 * y * dot + p1 * r2)
             }
             Self::FlatPort { refractive_index: n, .. } => {
-                // Snell: sin in air = n · sin in water. Image-plane coordinates in water are scaled by n, so that the
-                // focal length is the one in water.
+                // Snell: sin in air = n · sin in water. Image-plane coordinates in water are scaled
+                // by n, so that the focal length is the one in water.
                 let sin_in_air = n * (r2 / (1.0 + r2)).sqrt();
-                let tan_in_air = sin_in_air / (1.0 - sin_in_air * sin_in_air).sqrt(); // NaN beyond total reflection
+                // NaN beyond total reflection
+                let tan_in_air = sin_in_air / (1.0 - sin_in_air * sin_in_air).sqrt();
                 let scale = if r2 > 1e-18 { tan_in_air / r2.sqrt() } else { *n };
                 let (x, y) = self.in_air().distort(x * scale, y * scale);
                 (x / n, y / n)
@@ -165,7 +179,8 @@ impl Distortion {
     }
 }
 
-/// A calibration as messages give it: of the whole sensor, and of the pictures that its region of interest and binning leave.
+/// A calibration as messages give it: of the whole sensor, and of the pictures that its region of
+/// interest and binning leave.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// the whole sensor
@@ -175,17 +190,24 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// A calibration whose pictures are the whole sensor, less a region of interest at an offset [px of the full sensor] of
-    /// this size (0: all of it), then binned.
-    pub fn new(full: Camera, offset: (usize, usize), size: (usize, usize), binning: (usize, usize)) -> Self {
+    /// A calibration whose pictures are the whole sensor, less a region of interest at an offset
+    /// [px of the full sensor] of this size (0: all of it), then binned.
+    pub fn new(
+        full: Camera,
+        offset: (usize, usize),
+        size: (usize, usize),
+        binning: (usize, usize),
+    ) -> Self {
         let or = |size: usize, all: usize| if size == 0 { all } else { size };
         let (width, height) = (or(size.0, full.width), or(size.1, full.height));
         let (bx, by) = (binning.0.max(1), binning.1.max(1));
-        let inside = offset.0.saturating_add(width) <= full.width && offset.1.saturating_add(height) <= full.height;
+        let inside = offset.0.saturating_add(width) <= full.width
+            && offset.1.saturating_add(height) <= full.height;
         if !inside || width < bx || height < by {
             return Self { full, cropped: full };
         }
-        let centre = |c: f64, offset: usize, bin: usize| (c + 0.5 - offset as f64) / bin as f64 - 0.5;
+        let centre =
+            |c: f64, offset: usize, bin: usize| (c + 0.5 - offset as f64) / bin as f64 - 0.5;
         let cropped = Camera {
             width: width / bx,
             height: height / by,
@@ -198,12 +220,15 @@ impl Calibration {
         Self { full, cropped }
     }
 
-    /// The camera for pictures of this size; `None` where their shape is another. Drivers that say they bin or crop, and
-    /// do not, are told by the size of what they send.
+    /// The camera for pictures of this size; `None` where their shape is another. Drivers that say
+    /// they bin or crop, and do not, are told by the size of what they send.
     pub fn for_picture(&self, picture: Option<(usize, usize)>) -> Option<Camera> {
         let Some((width, height)) = picture else { return Some(self.cropped) };
-        let of_size = [self.cropped, self.full].into_iter().find(|c| (c.width, c.height) == (width, height));
-        of_size.or_else(|| [self.cropped, self.full].into_iter().find(|c| c.scaled_to(width, height).is_some()))
+        let of_size =
+            [self.cropped, self.full].into_iter().find(|c| (c.width, c.height) == (width, height));
+        of_size.or_else(|| {
+            [self.cropped, self.full].into_iter().find(|c| c.scaled_to(width, height).is_some())
+        })
     }
 }
 
@@ -230,10 +255,19 @@ impl Camera {
     /// A pinhole seeing `hfov_deg` across its width.
     pub fn from_field_of_view(width: usize, height: usize, hfov_deg: f64) -> Self {
         let f = width as f64 / 2.0 / (hfov_deg.to_radians() / 2.0).tan();
-        Self { width, height, fx: f, fy: f, cx: (width as f64 - 1.0) / 2.0, cy: (height as f64 - 1.0) / 2.0, distortion: Distortion::None }
+        Self {
+            width,
+            height,
+            fx: f,
+            fy: f,
+            cx: (width as f64 - 1.0) / 2.0,
+            cy: (height as f64 - 1.0) / 2.0,
+            distortion: Distortion::None,
+        }
     }
 
-    /// The same camera for pictures of another size (binned or scaled); `None` where the shapes differ.
+    /// The same camera for pictures of another size (binned or scaled); `None` where the shapes
+    /// differ.
     pub fn scaled_to(&self, width: usize, height: usize) -> Option<Self> {
         if (width, height) == (self.width, self.height) {
             return Some(*self);
@@ -250,7 +284,8 @@ impl Camera {
         })
     }
 
-    /// A camera calibrated in air, in water behind a flat port: the port's thickness is left out, and the port square to the axis.
+    /// A camera calibrated in air, in water behind a flat port: the port's thickness is left out,
+    /// and the port square to the axis.
     pub fn behind_flat_port(&self, refractive_index: f64) -> Self {
         let distortion = self.distortion.behind_flat_port(refractive_index);
         Self { fx: self.fx * refractive_index, fy: self.fy * refractive_index, distortion, ..*self }
@@ -259,9 +294,12 @@ impl Camera {
     /// The camera as it was calibrated: in air, where [`Self::behind_flat_port`] made this one.
     pub fn as_calibrated(&self) -> Self {
         match self.distortion {
-            Distortion::FlatPort { refractive_index: n, .. } => {
-                Self { fx: self.fx / n, fy: self.fy / n, distortion: self.distortion.in_air(), ..*self }
-            }
+            Distortion::FlatPort { refractive_index: n, .. } => Self {
+                fx: self.fx / n,
+                fy: self.fy / n,
+                distortion: self.distortion.in_air(),
+                ..*self
+            },
             _ => *self,
         }
     }
@@ -271,7 +309,8 @@ impl Camera {
         Self { distortion: Distortion::None, ..*self }
     }
 
-    /// Image-plane coordinates x/z, y/z of a pixel: distortion undone by Newton steps with a numeric Jacobian.
+    /// Image-plane coordinates x/z, y/z of a pixel: distortion undone by Newton steps with a
+    /// numeric Jacobian.
     ///
     /// `None` where the model cannot be inverted (a pixel beyond the lens's fold).
     pub fn image_plane(&self, u: f64, v: f64) -> Option<(f64, f64)> {
@@ -342,12 +381,23 @@ mod tests {
             Distortion::Equidistant([0.02, -0.01, 0.003, 0.0]).behind_flat_port(1.33),
         ];
         for distortion in models {
-            let camera = Camera { width: 1360, height: 1024, fx: 1100.0, fy: 1090.0, cx: 690.0, cy: 500.0, distortion };
+            let camera = Camera {
+                width: 1360,
+                height: 1024,
+                fx: 1100.0,
+                fy: 1090.0,
+                cx: 690.0,
+                cy: 500.0,
+                distortion,
+            };
             for v in (0..1024).step_by(93) {
                 for u in (0..1360).step_by(97) {
                     let (x, y) = camera.image_plane(f64::from(u), f64::from(v)).expect("a ray");
                     let (u2, v2) = camera.pixel(x, y);
-                    assert!((u2 - f64::from(u)).hypot(v2 - f64::from(v)) < 1e-6, "{distortion:?} at {u},{v}");
+                    assert!(
+                        (u2 - f64::from(u)).hypot(v2 - f64::from(v)) < 1e-6,
+                        "{distortion:?} at {u},{v}"
+                    );
                 }
             }
         }
@@ -358,9 +408,16 @@ mod tests {
         let air = Camera::from_field_of_view(1360, 1024, 70.0);
         let water = air.behind_flat_port(1.33);
         let back = water.as_calibrated();
-        assert!((water.fx / air.fx - 1.33).abs() < 1e-12 && (back.fx - air.fx).abs() < 1e-9 && back.distortion == air.distortion);
+        assert!(
+            (water.fx / air.fx - 1.33).abs() < 1e-12
+                && (back.fx - air.fx).abs() < 1e-9
+                && back.distortion == air.distortion
+        );
         let angle = |c: &Camera| c.ray(1300.0, c.cy).map(|r| r.vector().x).expect("a ray");
-        assert!((angle(&air) / angle(&water) - 1.33).abs() < 1e-9, "sines are as the refractive index");
+        assert!(
+            (angle(&air) / angle(&water) - 1.33).abs() < 1e-9,
+            "sines are as the refractive index"
+        );
     }
 
     #[test]
@@ -372,7 +429,11 @@ mod tests {
         // The same place on the sensor, the middle of four pixels, by either camera.
         let (a, b) = (full.ray(320.0 + 100.5, 200.0 + 60.5), half.ray(50.0, 30.0));
         assert!((a.expect("a ray").vector() - b.expect("a ray").vector()).norm() < 1e-12);
-        assert_eq!(calibration.for_picture(Some((1920, 1200))), Some(full), "a driver that does not crop");
+        assert_eq!(
+            calibration.for_picture(Some((1920, 1200))),
+            Some(full),
+            "a driver that does not crop"
+        );
         assert_eq!(calibration.for_picture(Some((640, 640))), None);
     }
 

@@ -1,7 +1,7 @@
 //! The lamps of a vehicle: one strobe, or several of one make that shine together.
 //!
-//! Each of several stands where it stands and looks where it looks; their beam pattern is one, each about its own axes,
-//! and their light adds up. They are rigid: moved, all move.
+//! Each of several stands where it stands and looks where it looks; their beam pattern is one, each
+//! about its own axes, and their light adds up. They are rigid: moved, all move.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -36,7 +36,8 @@ impl Lamps {
         Self { body_from_strobe, lamps: [first; MOST_LAMPS], count: 1 }
     }
 
-    /// Several, with the strength of each; `None` where there are none, or more than [`MOST_LAMPS`], or one has no strength.
+    /// Several, with the strength of each; `None` where there are none, or more than
+    /// [`MOST_LAMPS`], or one has no strength.
     pub fn several(mounts: &[(Transform<Body, Strobe>, f64)]) -> Option<Self> {
         let total: f64 = mounts.iter().map(|m| m.1).sum();
         let first = mounts.first()?.0;
@@ -46,7 +47,11 @@ impl Lamps {
         let mut all = Self { count: mounts.len(), ..Self::one(first) };
         for (lamp, (mount, strength)) in all.lamps.iter_mut().zip(mounts) {
             let from_first = first.isometry().inverse() * mount.isometry();
-            *lamp = Lamp { offset: from_first.translation.vector, turn: from_first.rotation, share: strength / total };
+            *lamp = Lamp {
+                offset: from_first.translation.vector,
+                turn: from_first.rotation,
+                share: strength / total,
+            };
         }
         Some(all)
     }
@@ -73,7 +78,9 @@ impl Lamps {
 
     /// Pose and share of each.
     pub fn poses(&self) -> impl Iterator<Item = (Isometry3<f64>, f64)> + '_ {
-        self.lamps().iter().map(|l| (self.isometry() * Isometry3::from_parts(Translation3::from(l.offset), l.turn), l.share))
+        self.lamps().iter().map(|l| {
+            (self.isometry() * Isometry3::from_parts(Translation3::from(l.offset), l.turn), l.share)
+        })
     }
 
     /// All of them with the first at another place of the body [m].

@@ -24,10 +24,12 @@ impl SettingSeries {
         Self { topic, name, values }
     }
 
-    /// The setting of a frame: the one of its own moment, else the last before it, else the first of all.
+    /// The setting of a frame: the one of its own moment, else the last before it, else the first
+    /// of all.
     pub fn at(&self, stamp: Stamp) -> Option<f64> {
         let after = self.values.partition_point(|(s, _)| *s < stamp);
-        let (before, next) = (after.checked_sub(1).and_then(|i| self.values.get(i)), self.values.get(after));
+        let (before, next) =
+            (after.checked_sub(1).and_then(|i| self.values.get(i)), self.values.get(after));
         let gap = |v: &(Stamp, f64)| v.0.seconds_since(stamp).abs();
         match (before, next) {
             (Some(b), Some(n)) if gap(n) < SAME_MOMENT_S && gap(n) <= gap(b) => Some(n.1),
@@ -44,7 +46,14 @@ mod tests {
     #[test]
     fn a_frame_has_the_setting_of_its_moment_or_the_last_one() {
         let at = |s: f64| Stamp((s * 1e9) as i64);
-        let series = SettingSeries::new("/camera/gain".into(), "value".into(), vec![(at(1.0), 2.0), (at(2.0), 4.0), (at(0.0), 1.0)]);
-        assert_eq!([0.5, 0.97, 1.03, 1.9, 9.0, -1.0].map(|s| series.at(at(s))), [1.0, 2.0, 2.0, 2.0, 4.0, 1.0].map(Some));
+        let series = SettingSeries::new(
+            "/camera/gain".into(),
+            "value".into(),
+            vec![(at(1.0), 2.0), (at(2.0), 4.0), (at(0.0), 1.0)],
+        );
+        assert_eq!(
+            [0.5, 0.97, 1.03, 1.9, 9.0, -1.0].map(|s| series.at(at(s))),
+            [1.0, 2.0, 2.0, 2.0, 4.0, 1.0].map(Some)
+        );
     }
 }

@@ -1,7 +1,8 @@
-//! What the robot *is* (its rig) and what its sensors *said* (frames' stamps, pings, attitudes, settings): facts only.
+//! What the robot *is* (its rig) and what its sensors *said* (frames' stamps, pings, attitudes,
+//! settings): facts only.
 //!
-//! A wrong fact here is a wrong answer; a different choice (`config`) is only another taste. Inside this
-//! room absence is `None`: what a vendor writes for "no return" ends in `messages`.
+//! A wrong fact here is a wrong answer; a different choice (`config`) is only another taste. Inside
+//! this room absence is `None`: what a vendor writes for "no return" ends in `messages`.
 
 mod attitude;
 mod camera;
@@ -16,4 +17,7 @@ pub use camera::{Calibration, Camera, Distortion, LensModel};
 pub use lamps::{Lamp, Lamps, MOST_LAMPS};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
-pub use rig::{CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount, Vignetting, VignettingName};
+pub use rig::{
+    CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount,
+    Vignetting, VignettingName,
+};

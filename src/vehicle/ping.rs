@@ -1,7 +1,8 @@
 //! One report of the range instrument, and the beams of known instruments.
 //!
-//! In: nothing but numbers already freed of "no return" markers. Out: *direction × slant range = point on
-//! the seafloor*, in the instrument's space (z along its boresight). An altimeter is an instrument with one beam.
+//! In: nothing but numbers already freed of "no return" markers. Out: *direction × slant range =
+//! point on the seafloor*, in the instrument's space (z along its boresight). An altimeter is an
+//! instrument with one beam.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -74,7 +75,10 @@ impl JanusArray {
 
     /// The instrument called `name`.
     pub fn named(name: &str) -> Option<Self> {
-        Self::KNOWN.iter().find(|(n, ..)| *n == name).map(|(_, angle, azimuths)| Self { janus_angle_deg: *angle, azimuths_deg: azimuths.to_vec() })
+        Self::KNOWN.iter().find(|(n, ..)| *n == name).map(|(_, angle, azimuths)| Self {
+            janus_angle_deg: *angle,
+            azimuths_deg: azimuths.to_vec(),
+        })
     }
 
     /// Unit vectors in message order.
@@ -84,7 +88,11 @@ impl JanusArray {
             .iter()
             .filter_map(|azimuth| {
                 let (y, x) = azimuth.to_radians().sin_cos();
-                Direction::from_vector(nalgebra::Vector3::new(janus.sin() * x, janus.sin() * y, janus.cos()))
+                Direction::from_vector(nalgebra::Vector3::new(
+                    janus.sin() * x,
+                    janus.sin() * y,
+                    janus.cos(),
+                ))
             })
             .collect()
     }

@@ -1,8 +1,8 @@
 //! The rig: where camera, range instrument and strobe sit on the vehicle, and how the camera sees.
 //!
-//! Facts come from the log (`/tf_static`, `camera_info`) or from a rig file, which wins. Mounts are poses
-//! in one common body space. No public recording holds a strobe's pose; without one the light is taken to
-//! sit at the camera, and the report says so.
+//! Facts come from the log (`/tf_static`, `camera_info`) or from a rig file, which wins. Mounts are
+//! poses in one common body space. No public recording holds a strobe's pose; without one the light
+//! is taken to sit at the camera, and the report says so.
 
 use std::collections::BTreeMap;
 
@@ -29,7 +29,8 @@ pub struct Rig {
 pub struct StrobeMount {
     /// its pose, or those of several
     pub lamps: Lamps,
-    /// the TF frame or file it was taken from; `None` where it was put at the camera for want of better
+    /// the TF frame or file it was taken from; `None` where it was put at the camera for want of
+    /// better
     pub source: Option<String>,
 }
 
@@ -63,7 +64,11 @@ impl MountFacts {
         match (self.rotation_xyzw, self.roll_pitch_yaw_deg) {
             (Some(q), None) => Ok(Transform::from_parts(self.translation_m, q)),
             (None, Some([roll, pitch, yaw])) => {
-                let q = nalgebra::UnitQuaternion::from_euler_angles(roll.to_radians(), pitch.to_radians(), yaw.to_radians());
+                let q = nalgebra::UnitQuaternion::from_euler_angles(
+                    roll.to_radians(),
+                    pitch.to_radians(),
+                    yaw.to_radians(),
+                );
                 Ok(Transform::from_parts(self.translation_m, [q.i, q.j, q.k, q.w]))
             }
             _ => Err("a mount needs exactly one of rotation_xyzw and roll_pitch_yaw_deg".into()),
@@ -73,7 +78,11 @@ impl MountFacts {
     /// The facts of a known pose.
     pub fn of(isometry: nalgebra::Isometry3<f64>) -> Self {
         let (t, q) = (isometry.translation.vector, isometry.rotation);
-        Self { translation_m: [t.x, t.y, t.z], rotation_xyzw: Some([q.i, q.j, q.k, q.w]), roll_pitch_yaw_deg: None }
+        Self {
+            translation_m: [t.x, t.y, t.z],
+            rotation_xyzw: Some([q.i, q.j, q.k, q.w]),
+            roll_pitch_yaw_deg: None,
+        }
     }
 }
 
@@ -112,7 +121,8 @@ pub struct CameraFacts {
     pub distortion: Option<Vec<f64>>,
     /// horizontal field of view, where nothing better is known [deg]
     pub horizontal_field_of_view_deg: Option<f64>,
-    /// what the calibration was made in, the log's too; water where absent. Of air a flat port is assumed
+    /// what the calibration was made in, the log's too; water where absent. Of air a flat port is
+    /// assumed
     #[serde(skip_serializing_if = "Option::is_none")]
     pub medium: Option<Medium>,
     /// how the lens's light falls off towards the edge (Eq. 7)
@@ -124,7 +134,8 @@ pub struct CameraFacts {
     /// codes to light by a table, instead of `light.transfer`
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<ResponseFacts>,
-    /// electrons of a pixel at full scale, by the data sheet and the gain; for the account of noise alone
+    /// electrons of a pixel at full scale, by the data sheet and the gain; for the account of noise
+    /// alone
     #[serde(skip_serializing_if = "Option::is_none")]
     pub full_well_e: Option<f64>,
     /// noise of reading a pixel [electrons]
@@ -222,7 +233,8 @@ pub struct StrobeFacts {
 pub struct LampFacts {
     /// place in the body [m]
     pub translation_m: [f64; 3],
-    /// where it looks, as a quaternion x, y, z, w; as the camera does where neither this nor the next is given
+    /// where it looks, as a quaternion x, y, z, w; as the camera does where neither this nor the
+    /// next is given
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation_xyzw: Option<[f64; 4]>,
     /// the same as angles about x, y, z [deg]
@@ -248,7 +260,10 @@ impl LampFacts {
     ///
     /// # Errors
     /// Two turns are given.
-    pub fn mount(&self, body_from_optical: Transform<Body, Optical>) -> Result<Transform<Body, Strobe>, String> {
+    pub fn mount(
+        &self,
+        body_from_optical: Transform<Body, Optical>,
+    ) -> Result<Transform<Body, Strobe>, String> {
         let Self { translation_m, rotation_xyzw, roll_pitch_yaw_deg, .. } = self.clone();
         if rotation_xyzw.is_none() && roll_pitch_yaw_deg.is_none() {
             let mut pose = body_from_optical.isometry();
@@ -295,7 +310,11 @@ impl CameraFacts {
 
     /// A calibration as it holds in water.
     pub fn in_water(&self, camera: Camera) -> Camera {
-        if self.medium == Some(Medium::Air) { camera.behind_flat_port(REFRACTIVE_INDEX) } else { camera }
+        if self.medium == Some(Medium::Air) {
+            camera.behind_flat_port(REFRACTIVE_INDEX)
+        } else {
+            camera
+        }
     }
 
     /// The calibration the file gives, if it gives one, for pictures of this size.
@@ -306,11 +325,23 @@ impl CameraFacts {
         use super::Distortion;
         let size = self.width.zip(self.height).or(picture);
         let Some((width, height)) = size else {
-            return if self.fx.is_some() { Err("camera.width and camera.height belong to camera.fx".into()) } else { Ok(None) };
+            return if self.fx.is_some() {
+                Err("camera.width and camera.height belong to camera.fx".into())
+            } else {
+                Ok(None)
+            };
         };
         let centre = |n: usize| (n as f64 - 1.0) / 2.0;
-        let distortion = Distortion::named(self.distortion_model.as_deref().unwrap_or("plumb_bob"), self.distortion.as_deref().unwrap_or(&[]))
-            .map_err(|model| format!("camera.distortion_model = {model:?} is not one of plumb_bob, rational_polynomial, equidistant, fisheye62"))?;
+        let distortion = Distortion::named(
+            self.distortion_model.as_deref().unwrap_or("plumb_bob"),
+            self.distortion.as_deref().unwrap_or(&[]),
+        )
+        .map_err(|model| {
+            format!(
+                "camera.distortion_model = {model:?} is not one of plumb_bob, \
+                 rational_polynomial, equidistant, fisheye62"
+            )
+        })?;
         Ok(match (self.fx, self.horizontal_field_of_view_deg) {
             (Some(fx), _) => Some(Camera {
                 width,
@@ -321,7 +352,9 @@ impl CameraFacts {
                 cy: self.cy.unwrap_or_else(|| centre(height)),
                 distortion,
             }),
-            (None, Some(hfov)) => Some(Camera { distortion, ..Camera::from_field_of_view(width, height, hfov) }),
+            (None, Some(hfov)) => {
+                Some(Camera { distortion, ..Camera::from_field_of_view(width, height, hfov) })
+            }
             (None, None) => None,
         })
     }

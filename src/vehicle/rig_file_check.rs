@@ -1,4 +1,5 @@
-//! What a rig file may say: a wrong fact is a wrong answer, so what cannot be is refused with its key.
+//! What a rig file may say: a wrong fact is a wrong answer, so what cannot be is refused with its
+//! key.
 
 use super::{DvlFacts, JanusArray, MountFacts, RigFile};
 
@@ -17,16 +18,28 @@ impl RigFile {
         let Self { camera, dvl, strobe, .. } = self;
         let above = |value: Option<f64>, least: f64| value.is_none_or(|v| v > least);
         let checks = [
-            (camera.width != Some(0) && camera.height != Some(0), "camera.width and camera.height must be above 0"),
-            (above(camera.fx, 0.0) && above(camera.fy, 0.0), "camera.fx and camera.fy must be above 0"),
+            (
+                camera.width != Some(0) && camera.height != Some(0),
+                "camera.width and camera.height must be above 0",
+            ),
+            (
+                above(camera.fx, 0.0) && above(camera.fy, 0.0),
+                "camera.fx and camera.fy must be above 0",
+            ),
             (camera.fx.is_some() || camera.fy.is_none(), "camera.fy belongs to camera.fx"),
             (
                 camera.horizontal_field_of_view_deg.is_none_or(|a| (1.0..179.0).contains(&a)),
                 "camera.horizontal_field_of_view_deg must lie in 1 to 179",
             ),
             (above(camera.full_well_e, 0.0), "camera.full_well_e must be above 0"),
-            (camera.read_noise_e.is_none_or(|e| e >= 0.0), "camera.read_noise_e must not be below 0"),
-            (strobe.mount.is_none() || strobe.lamps.is_none(), "strobe.mount and strobe.lamps exclude each other"),
+            (
+                camera.read_noise_e.is_none_or(|e| e >= 0.0),
+                "camera.read_noise_e must not be below 0",
+            ),
+            (
+                strobe.mount.is_none() || strobe.lamps.is_none(),
+                "strobe.mount and strobe.lamps exclude each other",
+            ),
         ];
         let dvl_checks = dvl_checks(dvl);
         if let Some((_, sentence)) = checks.iter().chain(&dvl_checks).find(|(ok, _)| !ok) {
@@ -37,10 +50,16 @@ impl RigFile {
             return Err(format!("dvl.beams = {name:?} is not one of {}", known.join(", ")));
         }
         let mounts = [("camera", &camera.mount), ("dvl", &dvl.mount), ("strobe", &strobe.mount)];
-        mounts.iter().try_for_each(|(of, mount)| mount.as_ref().map_or(Ok(()), |m| ensure_near(&format!("{of}.mount"), m)))?;
+        mounts.iter().try_for_each(|(of, mount)| {
+            mount.as_ref().map_or(Ok(()), |m| ensure_near(&format!("{of}.mount"), m))
+        })?;
         let lamps = strobe.lamps.iter().flatten();
         lamps
-            .map(|l| MountFacts { translation_m: l.translation_m, rotation_xyzw: l.rotation_xyzw, roll_pitch_yaw_deg: l.roll_pitch_yaw_deg })
+            .map(|l| MountFacts {
+                translation_m: l.translation_m,
+                rotation_xyzw: l.rotation_xyzw,
+                roll_pitch_yaw_deg: l.roll_pitch_yaw_deg,
+            })
             .try_for_each(|mount| ensure_near("strobe.lamps", &mount))
     }
 }
@@ -48,17 +67,33 @@ impl RigFile {
 fn dvl_checks(dvl: &DvlFacts) -> [(bool, &'static str); 8] {
     let in_order = dvl.min_range_m.zip(dvl.max_range_m).is_none_or(|(least, most)| least < most);
     [
-        (dvl.janus_angle_deg.is_some() == dvl.azimuths_deg.is_some(), "dvl.janus_angle_deg and dvl.azimuths_deg belong together"),
-        (dvl.janus_angle_deg.is_none_or(|a| (1.0..80.0).contains(&a)), "dvl.janus_angle_deg must lie in 1 to 80"),
-        (dvl.azimuths_deg.as_ref().is_none_or(|a| a.len() >= 3), "dvl.azimuths_deg must name 3 beams or more"),
-        (dvl.beams.is_none() || dvl.azimuths_deg.is_none(), "dvl.beams and dvl.azimuths_deg exclude each other"),
+        (
+            dvl.janus_angle_deg.is_some() == dvl.azimuths_deg.is_some(),
+            "dvl.janus_angle_deg and dvl.azimuths_deg belong together",
+        ),
+        (
+            dvl.janus_angle_deg.is_none_or(|a| (1.0..80.0).contains(&a)),
+            "dvl.janus_angle_deg must lie in 1 to 80",
+        ),
+        (
+            dvl.azimuths_deg.as_ref().is_none_or(|a| a.len() >= 3),
+            "dvl.azimuths_deg must name 3 beams or more",
+        ),
+        (
+            dvl.beams.is_none() || dvl.azimuths_deg.is_none(),
+            "dvl.beams and dvl.azimuths_deg exclude each other",
+        ),
         (
             dvl.sound_speed_ratio.is_none_or(|r| (0.8..1.25).contains(&r)),
-            "dvl.sound_speed_ratio must lie in 0.8 to 1.25: it is the true speed of sound over the one the instrument was set to",
+            "dvl.sound_speed_ratio must lie in 0.8 to 1.25: it is the true speed of sound over \
+             the one the instrument was set to",
         ),
         (in_order, "dvl.min_range_m must be below dvl.max_range_m"),
         (dvl.unit_m.is_none_or(|u| u > 0.0), "dvl.unit_m must be above 0"),
-        (dvl.topic.is_some() || (dvl.path.is_none() && dvl.valid_path.is_none()), "dvl.path needs dvl.topic"),
+        (
+            dvl.topic.is_some() || (dvl.path.is_none() && dvl.valid_path.is_none()),
+            "dvl.path needs dvl.topic",
+        ),
     ]
 }
 
@@ -66,17 +101,27 @@ fn ensure_near(key: &str, mount: &MountFacts) -> Result<(), String> {
     if let Some(t) = mount.translation_m.iter().find(|t| t.abs() > FARTHEST_M) {
         return Err(format!("{key}.translation_m is in metres: {t} m is off any vehicle"));
     }
-    let is_turn = mount.rotation_xyzw.is_none_or(|q| (0.9..1.1).contains(&q.iter().map(|v| v * v).sum::<f64>().sqrt()));
-    if is_turn { Ok(()) } else { Err(format!("{key}.rotation_xyzw is not a unit quaternion x, y, z, w")) }
+    let is_turn = mount
+        .rotation_xyzw
+        .is_none_or(|q| (0.9..1.1).contains(&q.iter().map(|v| v * v).sum::<f64>().sqrt()));
+    if is_turn {
+        Ok(())
+    } else {
+        Err(format!("{key}.rotation_xyzw is not a unit quaternion x, y, z, w"))
+    }
 }
 
 /// The key of a number that is none.
 fn not_finite(facts: &toml::Value) -> Option<String> {
-    let below = |key: String, facts: &toml::Value| not_finite(facts).map(|rest| if rest.is_empty() { key } else { format!("{key}.{rest}") });
+    let below = |key: String, facts: &toml::Value| {
+        not_finite(facts).map(|rest| if rest.is_empty() { key } else { format!("{key}.{rest}") })
+    };
     match facts {
         toml::Value::Float(number) => (!number.is_finite()).then(String::new),
         toml::Value::Array(list) => list.iter().find_map(not_finite),
-        toml::Value::Table(table) => table.iter().find_map(|(key, facts)| below(key.clone(), facts)),
+        toml::Value::Table(table) => {
+            table.iter().find_map(|(key, facts)| below(key.clone(), facts))
+        }
         _ => None,
     }
 }
@@ -90,7 +135,9 @@ mod tests {
         let said = |text: &str| toml::from_str::<RigFile>(text).expect("TOML").ensure_valid();
         assert_eq!(
             said(
-                "[camera]\nfx = 695.0\n[dvl]\nbeams = \"waterlinked-a50\"\n[strobe.mount]\ntranslation_m = [-0.5, 0.0, 0.0]\nrotation_xyzw = [0.0, 0.0, 0.0, 1.0]"
+                "[camera]\nfx = 695.0\n[dvl]\nbeams = \
+                 \"waterlinked-a50\"\n[strobe.mount]\ntranslation_m = [-0.5, 0.0, \
+                 0.0]\nrotation_xyzw = [0.0, 0.0, 0.0, 1.0]"
             ),
             Ok(())
         );
@@ -98,13 +145,27 @@ mod tests {
             ("[camera]\nfx = nan", "camera.fx"),
             ("[camera]\nfx = -5.0", "camera.fx"),
             ("[camera]\nvignetting = [nan, 0.0, 0.0]", "camera.vignetting"),
-            ("[camera]\nhorizontal_field_of_view_deg = 200.0", "camera.horizontal_field_of_view_deg"),
+            (
+                "[camera]\nhorizontal_field_of_view_deg = 200.0",
+                "camera.horizontal_field_of_view_deg",
+            ),
             ("[dvl]\nsound_speed_ratio = 1500.0", "dvl.sound_speed_ratio"),
             ("[dvl]\nbeams = \"waterlinked-a5\"", "waterlinked-a50"),
-            ("[dvl]\njanus_angle_deg = -30.0\nazimuths_deg = [0.0, 120.0, 240.0]", "dvl.janus_angle_deg"),
+            (
+                "[dvl]\njanus_angle_deg = -30.0\nazimuths_deg = [0.0, 120.0, 240.0]",
+                "dvl.janus_angle_deg",
+            ),
             ("[dvl]\npath = \"ranges\"", "dvl.topic"),
-            ("[strobe.mount]\ntranslation_m = [-550.0, 0.0, 0.0]\nroll_pitch_yaw_deg = [180.0, 0.0, 0.0]", "strobe.mount.translation_m"),
-            ("[camera.mount]\ntranslation_m = [0.0, 0.0, 0.0]\nrotation_xyzw = [0.0, 0.0, 0.0, 0.0]", "camera.mount.rotation_xyzw"),
+            (
+                "[strobe.mount]\ntranslation_m = [-550.0, 0.0, 0.0]\nroll_pitch_yaw_deg = [180.0, \
+                 0.0, 0.0]",
+                "strobe.mount.translation_m",
+            ),
+            (
+                "[camera.mount]\ntranslation_m = [0.0, 0.0, 0.0]\nrotation_xyzw = [0.0, 0.0, 0.0, \
+                 0.0]",
+                "camera.mount.rotation_xyzw",
+            ),
             ("[[strobe.lamps]]\ntranslation_m = [0.0, inf, 0.0]", "strobe.lamps"),
             ("[time_offset_s]\n\"/dvl/data\" = nan", "time_offset_s./dvl/data"),
         ] {

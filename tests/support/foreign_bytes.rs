@@ -1,5 +1,6 @@
-//! Every parser of foreign bytes behind one `fn(&[u8])`: the targets in `fuzz/` and `tests/foreign_bytes.rs` call the same.
-//! Whatever comes out, it comes out; a panic, a hang or unbounded memory is the finding.
+//! Every parser of foreign bytes behind one `fn(&[u8])`: the targets in `fuzz/` and
+//! `tests/foreign_bytes.rs` call the same. Whatever comes out, it comes out; a panic, a hang or
+//! unbounded memory is the finding.
 #![allow(dead_code, clippy::unwrap_used)]
 
 use std::path::PathBuf;
@@ -39,7 +40,8 @@ pub fn run(target: &str, bytes: &[u8]) {
     parser(bytes);
 }
 
-/// A message with its schema, as one piece of bytes: `topic\nschema name\nlength of the schema\n`, the schema, the message.
+/// A message with its schema, as one piece of bytes: `topic\nschema name\nlength of the schema\n`,
+/// the schema, the message.
 pub fn with_schema(topic: &str, name: &str, schema: &[u8], message: &[u8]) -> Vec<u8> {
     [format!("{topic}\n{name}\n{}\n", schema.len()).as_bytes(), schema, message].concat()
 }
@@ -47,7 +49,8 @@ pub fn with_schema(topic: &str, name: &str, schema: &[u8], message: &[u8]) -> Ve
 /// The inverse of [`with_schema`].
 fn parts(bytes: &[u8]) -> Option<(&str, &str, &[u8], &[u8])> {
     let mut lines = bytes.splitn(4, |b| *b == b'\n');
-    let (topic, name) = (std::str::from_utf8(lines.next()?).ok()?, std::str::from_utf8(lines.next()?).ok()?);
+    let (topic, name) =
+        (std::str::from_utf8(lines.next()?).ok()?, std::str::from_utf8(lines.next()?).ok()?);
     let length: usize = std::str::from_utf8(lines.next()?).ok()?.parse().ok()?;
     let rest = lines.next()?;
     let (schema, message) = rest.split_at_checked(length.min(rest.len()))?;
@@ -56,7 +59,9 @@ fn parts(bytes: &[u8]) -> Option<(&str, &str, &[u8], &[u8])> {
 
 fn message(message_encoding: &str, schema_encoding: &str, bytes: &[u8]) {
     let Some((topic, name, schema, message)) = parts(bytes) else { return };
-    if let Ok(Some(mut decoder)) = Decoder::for_channel(topic, message_encoding, name, schema_encoding, schema) {
+    if let Ok(Some(mut decoder)) =
+        Decoder::for_channel(topic, message_encoding, name, schema_encoding, schema)
+    {
         decoder.settle(topic, message);
         exercise(&decoder, message);
     }
@@ -87,8 +92,16 @@ pub fn exercise(decoder: &Decoder, data: &[u8]) {
         Kind::Attitude(read) => drop(read(&value)),
         Kind::LightSetting(read) => drop(read(&value)),
         Kind::Ping(_, read) => {
-            let of_path = DvlFacts { path: Some("beams.distance".into()), valid_path: Some("beams.valid".into()), ..DvlFacts::default() };
-            for facts in [DvlFacts::default(), DvlFacts { beams: Some("waterlinked-a50".into()), ..DvlFacts::default() }, of_path] {
+            let of_path = DvlFacts {
+                path: Some("beams.distance".into()),
+                valid_path: Some("beams.valid".into()),
+                ..DvlFacts::default()
+            };
+            for facts in [
+                DvlFacts::default(),
+                DvlFacts { beams: Some("waterlinked-a50".into()), ..DvlFacts::default() },
+                of_path,
+            ] {
                 drop(read(&value, &facts));
             }
         }
@@ -132,7 +145,8 @@ fn mcap(bytes: &[u8]) {
     let path = scratch();
     std::fs::write(&path, bytes).unwrap();
     if let Ok(recording) = Recording::open(&path) {
-        let mut scan = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
+        let mut scan =
+            scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
         let mut total = 0;
         for entry in recording.messages(Window { start: 1, end: 1 << 62 }) {
             if let Entry::Message(m) = entry {
@@ -153,9 +167,20 @@ fn raw_picture(bytes: &[u8]) {
     let Ok(head) = std::str::from_utf8(&bytes[..end]) else { return };
     let mut words = head.splitn(5, ' ');
     let mut number = || words.next()?.parse::<usize>().ok();
-    let (Some(width), Some(height), Some(step), Some(big)) = (number(), number(), number(), number()) else { return };
+    let (Some(width), Some(height), Some(step), Some(big)) =
+        (number(), number(), number(), number())
+    else {
+        return;
+    };
     let encoding = words.next().unwrap_or("");
-    let picture = EncodedImage::Raw { width, height, encoding, big_endian: big == 1, step, data: &bytes[end + 1..] };
+    let picture = EncodedImage::Raw {
+        width,
+        height,
+        encoding,
+        big_endian: big == 1,
+        step,
+        data: &bytes[end + 1..],
+    };
     let _line = (describe(&picture), size(&picture));
     if let Ok(decoded) = decode(&picture, Light { white_level: Some(4095), ..Light::default() }) {
         let _bands = decoded.image.into_bands();

@@ -13,7 +13,8 @@ use unwater::report::Report;
 
 use super::render::{Dive, Truth};
 
-/// Side of the blocks that pixels are averaged over, so that sensor noise does not count as error [px].
+/// Side of the blocks that pixels are averaged over, so that sensor noise does not count as error
+/// [px].
 const BLOCK: usize = 4;
 
 /// How near the truth a run came.
@@ -40,22 +41,29 @@ pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
 }
 
 /// The same, and the corrected pictures.
-pub fn run_and_show(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth, Vec<LinearImage>) {
+pub fn run_and_show(
+    dive: &Dive,
+    options: &Options,
+    folder: &Path,
+) -> (Verdict, Truth, Vec<LinearImage>) {
     let (input, output) = (folder.join("dive.mcap"), folder.join("dive.corrected.mcap"));
     let truth = dive.write(&input);
     let mut options = options.clone();
     options.force = true;
     options.config.render.depth = 16;
-    let (report, model) = correct(&input, &output, None, &options, &Silent).expect("a corrected log");
+    let (report, model) =
+        correct(&input, &output, None, &options, &Silent).expect("a corrected log");
     let pictures = pictures(&output, &report.corrected_topic);
     (verdict(&truth, dive, &pictures, model, report), truth, pictures)
 }
 
-/// Pass two alone over the dive that `run` left in the folder: its pictures by another method or in other codes.
+/// Pass two alone over the dive that `run` left in the folder: its pictures by another method or in
+/// other codes.
 pub fn shown_again(model: &ModelFile, options: &Options, folder: &Path) -> Vec<LinearImage> {
     let (input, output) = (folder.join("dive.mcap"), folder.join("dive.again.mcap"));
     let options = Options { force: true, ..options.clone() };
-    let (report, _) = correct(&input, &output, Some(model.clone()), &options, &Silent).expect("a corrected log");
+    let (report, _) =
+        correct(&input, &output, Some(model.clone()), &options, &Silent).expect("a corrected log");
     pictures(&output, &report.corrected_topic)
 }
 
@@ -68,10 +76,14 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
         let channel = &recording.channels[&message.channel];
         if channel.topic == topic {
             let schema = &recording.schemas[&channel.schema_id];
-            let decoder = Decoder::for_channel(topic, "cdr", &schema.name, &schema.encoding, &schema.data).unwrap().unwrap();
+            let decoder =
+                Decoder::for_channel(topic, "cdr", &schema.name, &schema.encoding, &schema.data)
+                    .unwrap()
+                    .unwrap();
             let value = decoder.read(message.data()).unwrap();
             let Kind::Picture(read) = decoder.message_type.kind else { panic!("no picture") };
-            pictures.push(decode(&read(&value).unwrap(), Light::default()).unwrap().image.into_bands());
+            pictures
+                .push(decode(&read(&value).unwrap(), Light::default()).unwrap().image.into_bands());
         }
     }
     pictures
@@ -105,7 +117,13 @@ pub fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-fn verdict(truth: &Truth, dive: &Dive, pictures: &[LinearImage], model: ModelFile, report: Report) -> Verdict {
+fn verdict(
+    truth: &Truth,
+    dive: &Dive,
+    pictures: &[LinearImage],
+    model: ModelFile,
+    report: Report,
+) -> Verdict {
     let bands = model.attenuation_per_m.len();
     let true_band = |band: usize| if bands == 1 { 1 } else { band };
     assert_eq!(pictures.len(), truth.frames.len(), "one corrected picture per frame");
@@ -114,7 +132,9 @@ fn verdict(truth: &Truth, dive: &Dive, pictures: &[LinearImage], model: ModelFil
         let mut ratios = Vec::new();
         for (picture, frame) in pictures.iter().zip(&truth.frames) {
             let is = blocks(dive.width, dive.height, |x, y| f64::from(picture.at(x, y)[band]));
-            let ought = blocks(dive.width, dive.height, |x, y| f64::from(frame.reflectance[y * dive.width + x][true_band(band)]));
+            let ought = blocks(dive.width, dive.height, |x, y| {
+                f64::from(frame.reflectance[y * dive.width + x][true_band(band)])
+            });
             ratios.extend(is.iter().zip(&ought).filter(|(i, _)| **i < 0.999).map(|(i, o)| i / o));
         }
         let gain = median(&mut ratios);
@@ -133,11 +153,18 @@ fn verdict(truth: &Truth, dive: &Dive, pictures: &[LinearImage], model: ModelFil
         }
     }
     let level = median(&mut steps.clone());
-    let beam_log_rmse = (steps.iter().map(|s| (s - level).powi(2)).sum::<f64>() / steps.len() as f64).sqrt();
-    let attenuation_error_per_m = (0..bands).map(|b| model.attenuation_per_m[b] - truth.attenuation_per_m[true_band(b)]).collect();
+    let beam_log_rmse =
+        (steps.iter().map(|s| (s - level).powi(2)).sum::<f64>() / steps.len() as f64).sqrt();
+    let attenuation_error_per_m = (0..bands)
+        .map(|b| model.attenuation_per_m[b] - truth.attenuation_per_m[true_band(b)])
+        .collect();
     Verdict {
         attenuation_error_per_m,
-        attenuation_std_per_m: model.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect(),
+        attenuation_std_per_m: model
+            .attenuation_std_per_m
+            .iter()
+            .map(|s| s.unwrap_or(f64::NAN))
+            .collect(),
         beam_log_rmse,
         reflectance_error,
         model,

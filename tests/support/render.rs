@@ -1,27 +1,32 @@
-//! A forward model of a dive: renders what the camera, DVL and IMU of an underwater robot would have logged, with all
-//! that the estimator should find known beforehand. Written from physics alone and sharing no code with the estimator,
-//! so that a truth test never checks a formula against itself. Per pixel and band
+//! A forward model of a dive: renders what the camera, DVL and IMU of an underwater robot would
+//! have logged, with all that the estimator should find known beforehand. Written from physics
+//! alone and sharing no code with the estimator, so that a truth test never checks a formula
+//! against itself. Per pixel and band
 //!
 //! ```text
 //! c = gain * exposure * [ r(X) * BP(theta, phi) * cos(gamma) / la^p * exp(-alpha (la + ls)) + B(ray) ]
 //! ```
 //!
-//! - `X` is where the pixel's ray meets the floor, a plane in the world, with ridges if asked for; `la` is the way from strobe to `X`, `ls` from
-//!   `X` to the camera, `gamma` the angle at `X` between floor normal and strobe (Kaeli & Singh Eq. 1, 4, 10). Light
-//!   falls with `la^-p`, p = 2; there is no `1/ls^2`, as a pixel's footprint grows with it.
-//! - `theta = atan2(y, z)`, `phi = atan2(x, z)` in the strobe's optical frame; `BP` is two Gaussian lobes in angle,
-//!   asymmetric, peak 1.
-//! - `B` is single scattering of the strobe's light on the ray (Jaffe 1990; Eq. 5 with the strobe as the field), of
-//!   constant phase: `B = b * integral BP / l^2 * exp(-a_b (l + s)) ds`, `l` from strobe to the point `s` on the ray;
-//!   one `b` for all bands (Eq. 2), and `a_b` a fixed multiple of alpha (they differ: Akkaynak & Treibitz 2018).
-//! - `r` is value noise and pebbles, one function of the place for the whole dive, with nothing finer than about two
-//!   pixels at the middle height; a pixel gets the mean of 2x2 samples, and its illumination is taken at its centre.
-//! - The sensor adds shot and read noise, then quantises to 12 bits (the upper ones of 16, linear), or to 8 bits with
-//!   the sRGB curve. A mono camera sees the green band.
+//! - `X` is where the pixel's ray meets the floor, a plane in the world, with ridges if asked for;
+//!   `la` is the way from strobe to `X`, `ls` from `X` to the camera, `gamma` the angle at `X`
+//!   between floor normal and strobe (Kaeli & Singh Eq. 1, 4, 10). Light falls with `la^-p`, p = 2;
+//!   there is no `1/ls^2`, as a pixel's footprint grows with it.
+//! - `theta = atan2(y, z)`, `phi = atan2(x, z)` in the strobe's optical frame; `BP` is two Gaussian
+//!   lobes in angle, asymmetric, peak 1.
+//! - `B` is single scattering of the strobe's light on the ray (Jaffe 1990; Eq. 5 with the strobe
+//!   as the field), of constant phase: `B = b * integral BP / l^2 * exp(-a_b (l + s)) ds`, `l` from
+//!   strobe to the point `s` on the ray; one `b` for all bands (Eq. 2), and `a_b` a fixed multiple
+//!   of alpha (they differ: Akkaynak & Treibitz 2018).
+//! - `r` is value noise and pebbles, one function of the place for the whole dive, with nothing
+//!   finer than about two pixels at the middle height; a pixel gets the mean of 2x2 samples, and
+//!   its illumination is taken at its centre.
+//! - The sensor adds shot and read noise, then quantises to 12 bits (the upper ones of 16, linear),
+//!   or to 8 bits with the sRGB curve. A mono camera sees the green band.
 //!
-//! Frames: world ENU, z up; base x forward, y left, z up; optical x right, y down, z forward; DVL x forward, y right,
-//! z down. The camera looks straight down, image up is forward; pixel centres are whole numbers. Images at 1 Hz, pings
-//! every 0.2013 s and so at ever other phases, IMU at 20 Hz. The same `Dive` gives the same bytes on any thread count.
+//! Frames: world ENU, z up; base x forward, y left, z up; optical x right, y down, z forward; DVL x
+//! forward, y right, z down. The camera looks straight down, image up is forward; pixel centres are
+//! whole numbers. Images at 1 Hz, pings every 0.2013 s and so at ever other phases, IMU at 20 Hz.
+//! The same `Dive` gives the same bytes on any thread count.
 #![allow(dead_code)]
 #![cfg_attr(rustfmt, rustfmt_skip)]
 
@@ -44,7 +49,8 @@ const DVL_IN_BASE: [f64; 3] = [-0.08, 0.15, -0.16];
 const SPEED_M_PER_S: f64 = 0.3;
 const SWING_PERIOD_S: f64 = 24.0;
 const TURN: (f64, f64) = (6.0, 0.6);
-// The sensors. Exposed such that the 99.8th percentile of direct light (brightest band, gain 1) is here, of full scale.
+// The sensors. Exposed such that the 99.8th percentile of direct light (brightest band, gain 1) is
+// here, of full scale.
 const EXPOSED_TO: f64 = 0.85;
 const FULL_WELL_E: f64 = 15_000.0;
 const READ_NOISE_E: f64 = 5.0;
@@ -53,12 +59,14 @@ const ATTITUDE_NOISE_RAD: f64 = 0.0005;
 pub const BACKSCATTER_ATTENUATION_RATIO: f64 = 1.1;
 const SCATTER_POINTS: usize = 24;
 const COARSE_PX: usize = 8; // backscatter is computed every so many pixels, bilinear between
-// Nanoseconds: the first frame's stamp, all else after it. The sensors run on for a second after the last frame.
+// Nanoseconds: the first frame's stamp, all else after it. The sensors run on for a second after
+// the last frame.
 const FIRST_FRAME_NS: i64 = 1_760_000_000_123_456_789;
 const PING_NS: (i64, i64) = (-937_000_000, 201_300_000); // start, period
 const IMU_NS: (i64, i64) = (-989_000_000, 50_000_000);
 
-/// What the camera writes, on `/camera/image_raw`. The 16-bit ones are linear, 12 bits on top; the others sRGB-coded.
+/// What the camera writes, on `/camera/image_raw`. The 16-bit ones are linear, 12 bits on top; the
+/// others sRGB-coded.
 #[derive(Clone, Debug)]
 pub enum Sensor {
     Bayer16,  // bayer_rggb16
@@ -71,8 +79,11 @@ pub enum Sensor {
 /// Which message is on `/dvl/data`. Ranges are slant in both.
 #[derive(Clone, Debug)]
 pub enum DvlType {
-    MarineAcoustic, // marine_acoustic_msgs/msg/Dvl: 30 deg beams, vectors in the message, lost = NaN
-    WaterLinked,    // dvl_msgs/msg/DVL: 22.5 deg, no vectors, ids 0..3 at +135, -135, -45, +45 deg, lost = -1, invalid
+    // marine_acoustic_msgs/msg/Dvl: 30 deg beams, vectors in the message, lost = NaN
+    MarineAcoustic,
+    // dvl_msgs/msg/DVL: 22.5 deg, no vectors, ids 0..3 at +135, -135, -45, +45 deg, lost = -1,
+    // invalid
+    WaterLinked,
 }
 
 /// A dive to render. Every field is a known truth or a known fault.
@@ -92,14 +103,17 @@ pub struct Dive {
     pub velocity_noise_m_per_s: f64, // of each axis of the DVL's velocity
     pub spreading_exponent: f64,     // p
     pub backscatter: f64,            // over direct light, means over dive and bands at gain 1
-    pub half_power_frames: f64,      // fraction of frames with gain 0.5 (at least one where above 0)
-    pub gain_channel: Option<bool>,  // gains of 1 to 1/8 frame by frame, told on /camera/gain: in decibels or as a factor
+    // fraction of frames with gain 0.5 (at least one where above 0)
+    pub half_power_frames: f64,
+    // gains of 1 to 1/8 frame by frame, told on /camera/gain: in decibels or as a factor
+    pub gain_channel: Option<bool>,
     pub return_leg: bool,            // turn at mid-dive and come back 0.6 m beside
     pub vignetting: bool,            // the lens takes cos^4 of the angle off its axis
     pub sensor: Sensor, pub dvl: DvlType,
     pub second_strobe: bool,         // one more like the first, to starboard ahead
     pub with_imu: bool, pub with_strobe_mount: bool,
-    pub noise: bool,                 // shot and read noise in the images, and noise of the IMU's attitude
+    // shot and read noise in the images, and noise of the IMU's attitude
+    pub noise: bool,
 }
 
 impl Default for Dive {
@@ -196,7 +210,8 @@ fn base_from_camera() -> Turn {
     let axes = Matrix3::new(0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
     Turn::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes))
 }
-/// Turning about optical x takes the view towards -y, forward; about optical y towards x, starboard.
+/// Turning about optical x takes the view towards -y, forward; about optical y towards x,
+/// starboard.
 fn base_from_strobe() -> Turn {
     let forward = Turn::from_axis_angle(&V3::x_axis(), STROBE_TURN_DEG.0.to_radians());
     base_from_camera() * forward * Turn::from_axis_angle(&V3::y_axis(), STROBE_TURN_DEG.1.to_radians())
@@ -219,14 +234,16 @@ fn intensity(d: &V3) -> f64 { if d.z <= 0.0 { 0.0 } else { lobes(d.y.atan2(d.z),
 // --- The picture ---
 /// Height of the ridges and its slopes along world x and y, for an amplitude of 1.
 fn ridges(x: f64, y: f64) -> (f64, f64, f64) {
-    let waves = [(0.6, 3.4, 0.15, 0.4), (0.4, 5.7, -0.25, 2.1)]; // share, wavelength, y per x of its direction, phase
+    // share, wavelength, y per x of its direction, phase
+    let waves = [(0.6, 3.4, 0.15, 0.4), (0.4, 5.7, -0.25, 2.1)];
     waves.iter().fold((0.0, 0.0, 0.0), |(h, dx, dy), &(share, length, lean, phase)| {
         let k = TAU / length;
         let (sin, cos) = (k * (x + lean * y) + phase).sin_cos();
         (h + share * sin, dx + share * k * cos, dy + share * k * lean * cos)
     })
 }
-/// How many times `ray` lies between `from` and the floor, both in the world; `flat`: the same to the flat floor.
+/// How many times `ray` lies between `from` and the floor, both in the world; `flat`: the same to
+/// the flat floor.
 fn meet(from: &V3, ray: &V3, flat: f64, slope: (f64, f64), relief_m: f64) -> f64 {
     let mut t = flat;
     for _ in 0..30 {
@@ -318,7 +335,8 @@ struct Scene<'a> {
     dive: &'a Dive,
     views: Vec<View>,
     floor: Seafloor,
-    rays: Vec<[[f64; 2]; 5]>, // x, y of the ray (x, y, 1) through each pixel's centre, then through its four quarters
+    // x, y of the ray (x, y, 1) through each pixel's centre, then through its four quarters
+    rays: Vec<[[f64; 2]; 5]>,
     coarse: Vec<[f64; 2]>,    // the same through every `COARSE_PX`th pixel
     coarse_width: usize,
 }
@@ -340,8 +358,8 @@ impl<'a> Scene<'a> {
         let rays = (0..width * height).into_par_iter().map(pixel).collect();
         Self { dive, views, floor, rays, coarse, coarse_width }
     }
-    /// The dive's one exposure and its `b`, from every eighth pixel of every frame; and each frame's scattering for
-    /// b = 1 at these pixels (empty where there is none).
+    /// The dive's one exposure and its `b`, from every eighth pixel of every frame; and each
+    /// frame's scattering for b = 1 at these pixels (empty where there is none).
     fn expose(&self) -> (f64, f64, Vec<Vec<Bands>>) {
         let sum = |all: &[Vec<Bands>]| all.iter().flatten().map(V3::sum).sum::<f64>();
         let look = |view: &View| -> (Vec<Bands>, Vec<Bands>) {
@@ -397,7 +415,8 @@ impl<'a> Scene<'a> {
 // --- The floor ---
 /// Linear reflectances: the first four are sediments, all are pebbles.
 const PALETTE: [[f64; 3]; 10] = [
-    [0.33, 0.27, 0.19], [0.21, 0.20, 0.18], [0.44, 0.39, 0.31], [0.24, 0.25, 0.17], // sand, mud, pale sand, algal film
+    // sand, mud, pale sand, algal film
+    [0.33, 0.27, 0.19], [0.21, 0.20, 0.18], [0.44, 0.39, 0.31], [0.24, 0.25, 0.17],
     [0.09, 0.09, 0.10], [0.70, 0.68, 0.62], [0.43, 0.20, 0.22], // basalt, shell, coralline crust
     [0.55, 0.26, 0.09], [0.12, 0.23, 0.10], [0.18, 0.23, 0.30], // sponge, weed, slate
 ];
@@ -406,7 +425,8 @@ const REFLECTANCE: (f64, f64) = (0.05, 0.8);
 struct Seafloor {
     octaves: Vec<Layer>,
     pebbles: Vec<Layer>,
-    footprint: f64, // a pixel's size at the middle height, metres: the width of a pebble's edge, and two texels
+    // a pixel's size at the middle height, metres: the width of a pebble's edge, and two texels
+    footprint: f64,
     corner: [f64; 2],
     across: usize,
     texels: Vec<[f32; 3]>,
@@ -416,7 +436,8 @@ impl Seafloor {
     /// `seen`: places in the world such that all that is ever looked at lies between them.
     fn new(seed: u64, footprint: f64, seen: impl Iterator<Item = [f64; 2]>) -> Self {
         let layer = |id: u64, cell: f64| {
-            let (sin, cos) = (2.4 * id as f64).sin_cos(); // each turned by another angle, so that no two line up
+            // each turned by another angle, so that no two line up
+            let (sin, cos) = (2.4 * id as f64).sin_cos();
             Layer { seed: hash(seed, id, 0x0f10), cell, sin: sin / cell, cos: cos / cell }
         };
         let layers = |id: u64, largest: f64, ratio: f64, least: f64| -> Vec<Layer> {
@@ -456,13 +477,15 @@ impl Seafloor {
 }
 
 /// One lattice of noise, or of cells with at most one pebble each.
-struct Layer { seed: u64, cell: f64, sin: f64, cos: f64 } // cell in metres; sine and cosine of its angle, over `cell`
+// cell in metres; sine and cosine of its angle, over `cell`
+struct Layer { seed: u64, cell: f64, sin: f64, cos: f64 }
 
 impl Layer {
     /// The cell (x, y) lies in, and the place in it, 0..1.
     fn locate(&self, x: f64, y: f64) -> (i64, i64, f64, f64) {
         let (u, v) = (self.cos * x + self.sin * y, self.cos * y - self.sin * x);
-        let floor = |x: f64| x as i64 - i64::from(x < (x as i64) as f64); // quicker than f64::floor on old targets
+        // quicker than f64::floor on old targets
+        let floor = |x: f64| x as i64 - i64::from(x < (x as i64) as f64);
         (floor(u), floor(v), u - floor(u) as f64, v - floor(v) as f64)
     }
     /// Value noise, -1..1.
@@ -476,7 +499,8 @@ impl Layer {
     fn cover(&self, x: f64, y: f64, wobble: f64, edge: f64, colour: &mut Bands) {
         let (iu, iv, u, v) = self.locate(x, y);
         let dice = hash(self.seed, iu as u64, iv);
-        let die = |n: u32| ((dice >> (8 * n)) & 255) as i32 as f64 / 255.0; // eight numbers of 0..1, a byte each
+        // eight numbers of 0..1, a byte each
+        let die = |n: u32| ((dice >> (8 * n)) & 255) as i32 as f64 / 255.0;
         let radius = 0.16 + 0.2 * die(1);
         let reach = radius * 1.25; // inside the cell, also where the outline wobbles outward
         let (du, dv) = (u - reach - (1.0 - 2.0 * reach) * die(2), v - reach - (1.0 - 2.0 * reach) * die(3));
@@ -540,7 +564,8 @@ impl Dive {
         };
         let twelve = |c: f64| (((c * 4095.0).round().clamp(0.0, 4095.0) as u16) << 4).to_le_bytes();
         let coded = |c: f64| if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-        let eight = |c: f64| (255.0 * coded(c.clamp(0.0, 1.0))).round() as u8; // sRGB, IEC 61966-2-1
+        // sRGB, IEC 61966-2-1
+        let eight = |c: f64| (255.0 * coded(c.clamp(0.0, 1.0))).round() as u8;
         let rggb = |i: usize| i % self.width % 2 + i / self.width % 2;
         let one = 0..signal.len();
         let three = one.clone().flat_map(|i| [(i, 0), (i, 1), (i, 2)]);
@@ -589,7 +614,8 @@ impl Dive {
         let (sin, cos) = janus_deg.to_radians().sin_cos();
         azimuths_deg.map(|deg| V3::new(sin * deg.to_radians().cos(), sin * deg.to_radians().sin(), cos))
     }
-    /// `altitude` is the last good one: the Water Linked message repeats it where the bottom is lost.
+    /// `altitude` is the last good one: the Water Linked message repeats it where the bottom is
+    /// lost.
     fn ping(&self, ns: i64, n: usize, altitude: &mut f64) -> Vec<u8> {
         let t = ns as f64 * 1e-9;
         let place = |t: f64| { let (at, attitude) = self.pose(t); at + attitude * V3::from(DVL_IN_BASE) };

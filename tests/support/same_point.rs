@@ -1,5 +1,6 @@
-//! What pictures of one dive show of the same ground, measured with the truth: every frame's pose and the floor are known,
-//! so a point is found in all frames that see it, without keypoints and without the estimator.
+//! What pictures of one dive show of the same ground, measured with the truth: every frame's pose
+//! and the floor are known, so a point is found in all frames that see it, without keypoints and
+//! without the estimator.
 #![allow(dead_code)]
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
@@ -11,7 +12,8 @@ use super::render::{Dive, FrameTruth, Truth};
 
 /// Points stand this far apart on the ground [m].
 const POINT_STEP_M: f64 = 0.06;
-/// A point is a Gaussian patch of the ground, the same metres from every height: this standard deviation [m] ...
+/// A point is a Gaussian patch of the ground, the same metres from every height: this standard
+/// deviation [m] ...
 const POINT_SIGMA_M: f64 = 0.012;
 /// ... and out to here.
 const POINT_REACH_M: f64 = 0.5 * POINT_STEP_M;
@@ -44,7 +46,8 @@ pub struct Shown {
     pub scatter: Vec<f64>,
     /// the same over the spread of the points' means: contrast that was lost does not help
     pub scatter_over_spread: Vec<f64>,
-    /// ΔE00 to the true reflectance after one gain per band for the whole log, of 4×4-pixel means: median
+    /// ΔE00 to the true reflectance after one gain per band for the whole log, of 4×4-pixel means:
+    /// median
     pub delta_e_median: f64,
     /// 95th percentile
     pub delta_e_95: f64,
@@ -53,9 +56,12 @@ pub struct Shown {
 impl Ground {
     /// Finds every point in every frame. The floor is a plane, the lens has no distortion.
     pub fn of(dive: &Dive, truth: &Truth, raw: &[LinearImage]) -> Self {
-        let seen: Vec<Vec<[f64; 2]>> = truth.frames.iter().map(|frame| ground(dive, frame)).collect();
-        let low = |axis: usize| seen.iter().flatten().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
-        let high = |axis: usize| seen.iter().flatten().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
+        let seen: Vec<Vec<[f64; 2]>> =
+            truth.frames.iter().map(|frame| ground(dive, frame)).collect();
+        let low =
+            |axis: usize| seen.iter().flatten().map(|p| p[axis]).fold(f64::INFINITY, f64::min);
+        let high =
+            |axis: usize| seen.iter().flatten().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
         let corner = [low(0), low(1)];
         let across = ((high(0) - corner[0]) / POINT_STEP_M) as usize + 2;
         let points = across * (((high(1) - corner[1]) / POINT_STEP_M) as usize + 2);
@@ -64,8 +70,11 @@ impl Ground {
             let mut of_point: Vec<Vec<(usize, f32)>> = vec![Vec::new(); points];
             let mut is_cut = vec![false; points];
             for (i, place) in places.iter().enumerate() {
-                let cell: [f64; 2] = std::array::from_fn(|k| ((place[k] - corner[k]) / POINT_STEP_M).round());
-                let off = (0..2).map(|k| (place[k] - corner[k] - cell[k] * POINT_STEP_M).powi(2)).sum::<f64>();
+                let cell: [f64; 2] =
+                    std::array::from_fn(|k| ((place[k] - corner[k]) / POINT_STEP_M).round());
+                let off = (0..2)
+                    .map(|k| (place[k] - corner[k] - cell[k] * POINT_STEP_M).powi(2))
+                    .sum::<f64>();
                 if off > POINT_REACH_M.powi(2) {
                     continue;
                 }
@@ -84,7 +93,9 @@ impl Ground {
             }
         }
         let is_clipped = |raw: &LinearImage| {
-            let clipped = |x: usize, y: usize| f64::from(u8::from(raw.at(x, y).iter().any(|v| *v >= CLIPPED)));
+            let clipped = |x: usize, y: usize| {
+                f64::from(u8::from(raw.at(x, y).iter().any(|v| *v >= CLIPPED)))
+            };
             blocks(dive.width, dive.height, clipped).iter().map(|share| *share > 0.0).collect()
         };
         Self { sights, points, clipped: raw.iter().map(is_clipped).collect() }
@@ -95,12 +106,18 @@ impl Ground {
         let bands = pictures[0].bands;
         // Over ridges a point of the plane is no point of the ground.
         let flat = if dive.relief_m == 0.0 { 1.0 } else { f64::NAN };
-        let per_band = (0..bands).map(|b| self.spreads(|frame, pixel| pictures[frame].pixels[pixel * bands + b]));
-        let per_band: Vec<(f64, f64)> = per_band.map(|(within, between)| (flat * within, between)).collect();
-        let (delta_e_median, delta_e_95) = if bands == 3 { self.delta_e(dive, truth, pictures) } else { (f64::NAN, f64::NAN) };
+        let per_band = (0..bands)
+            .map(|b| self.spreads(|frame, pixel| pictures[frame].pixels[pixel * bands + b]));
+        let per_band: Vec<(f64, f64)> =
+            per_band.map(|(within, between)| (flat * within, between)).collect();
+        let (delta_e_median, delta_e_95) =
+            if bands == 3 { self.delta_e(dive, truth, pictures) } else { (f64::NAN, f64::NAN) };
         Shown {
             scatter: per_band.iter().map(|(within, _)| *within).collect(),
-            scatter_over_spread: per_band.iter().map(|(within, between)| within / between).collect(),
+            scatter_over_spread: per_band
+                .iter()
+                .map(|(within, between)| within / between)
+                .collect(),
             delta_e_median,
             delta_e_95,
         }
@@ -108,28 +125,37 @@ impl Ground {
 
     /// What the true reflectance itself shows: the floor of what can be measured this way.
     pub fn floor(&self, truth: &Truth) -> Vec<(f64, f64)> {
-        (0..3).map(|b| self.spreads(|frame, pixel| truth.frames[frame].reflectance[pixel][b])).collect()
+        (0..3)
+            .map(|b| self.spreads(|frame, pixel| truth.frames[frame].reflectance[pixel][b]))
+            .collect()
     }
 
     /// Spread of log light at a point over frames (median over points), and of points' means.
     fn spreads(&self, light: impl Fn(usize, usize) -> f32) -> (f64, f64) {
         let mut logs: Vec<Vec<f64>> = vec![Vec::new(); self.points];
         for sight in &self.sights {
-            let mean: f32 = sight.weights.iter().map(|(pixel, w)| w * light(sight.frame, *pixel)).sum();
+            let mean: f32 =
+                sight.weights.iter().map(|(pixel, w)| w * light(sight.frame, *pixel)).sum();
             if mean > 0.0 {
                 logs[sight.point].push(f64::from(mean).ln());
             }
         }
         let seen = logs.iter().filter(|l| l.len() >= LEAST_VIEWS);
-        let (mut within, means): (Vec<f64>, Vec<f64>) = seen.map(|l| (deviation(l), l.iter().sum::<f64>() / l.len() as f64)).unzip();
-        if within.is_empty() { (f64::NAN, f64::NAN) } else { (median(&mut within), deviation(&means)) }
+        let (mut within, means): (Vec<f64>, Vec<f64>) =
+            seen.map(|l| (deviation(l), l.iter().sum::<f64>() / l.len() as f64)).unzip();
+        if within.is_empty() {
+            (f64::NAN, f64::NAN)
+        } else {
+            (median(&mut within), deviation(&means))
+        }
     }
 
     fn delta_e(&self, dive: &Dive, truth: &Truth, pictures: &[LinearImage]) -> (f64, f64) {
         let (mut is, mut ought): (Vec<[f64; 3]>, Vec<[f64; 3]>) = (Vec::new(), Vec::new());
         for ((picture, frame), clipped) in pictures.iter().zip(&truth.frames).zip(&self.clipped) {
             let of = |at: &dyn Fn(usize, usize, usize) -> f32| {
-                let [r, g, b] = [0, 1, 2].map(|band| blocks(dive.width, dive.height, |x, y| f64::from(at(x, y, band))));
+                let [r, g, b] = [0, 1, 2]
+                    .map(|band| blocks(dive.width, dive.height, |x, y| f64::from(at(x, y, band))));
                 r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect::<Vec<_>>()
             };
             let shown = of(&|x, y, band| picture.at(x, y)[band]);
@@ -141,11 +167,17 @@ impl Ground {
             });
         }
         let gain = [0, 1, 2].map(|b| {
-            let mut ratios: Vec<f64> = is.iter().zip(&ought).filter(|(i, _)| i[b] > 0.0).map(|(i, o)| o[b] / i[b]).collect();
+            let mut ratios: Vec<f64> = is
+                .iter()
+                .zip(&ought)
+                .filter(|(i, _)| i[b] > 0.0)
+                .map(|(i, o)| o[b] / i[b])
+                .collect();
             median(&mut ratios)
         });
         let scaled = |i: &[f64; 3]| [0, 1, 2].map(|b| i[b] * gain[b]);
-        let mut errors: Vec<f64> = is.iter().zip(&ought).map(|(i, o)| delta_e(lab(scaled(i)), lab(*o))).collect();
+        let mut errors: Vec<f64> =
+            is.iter().zip(&ought).map(|(i, o)| delta_e(lab(scaled(i)), lab(*o))).collect();
         let high = errors.len() * 95 / 100;
         let high = *errors.select_nth_unstable_by(high, f64::total_cmp).1;
         (median(&mut errors), high)
@@ -157,14 +189,19 @@ fn ground(dive: &Dive, frame: &FrameTruth) -> Vec<[f64; 2]> {
     assert_eq!(dive.distortion, [0.0; 5], "points are found through a lens without distortion");
     let [x, y, z, w] = frame.orientation_xyzw;
     let world_from_base = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-    // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the vehicle.
+    // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the
+    // vehicle.
     let base_from_optical = Matrix3::new(0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
     let camera = Vector3::from(frame.position) + world_from_base * Vector3::from(CAMERA_IN_BASE);
     let turn = world_from_base.to_rotation_matrix().into_inner() * base_from_optical;
     let normal = Vector3::from(frame.plane_normal_in_optical);
     let (cx, cy) = (0.5 * (dive.width as f64 - 1.0), 0.5 * (dive.height as f64 - 1.0));
     let place = |i: usize| {
-        let ray = Vector3::new(((i % dive.width) as f64 - cx) / dive.focal_px, ((i / dive.width) as f64 - cy) / dive.focal_px, 1.0);
+        let ray = Vector3::new(
+            ((i % dive.width) as f64 - cx) / dive.focal_px,
+            ((i / dive.width) as f64 - cy) / dive.focal_px,
+            1.0,
+        );
         let at = camera + turn * ray * (frame.plane_distance_m / normal.dot(&ray));
         [at.x, at.y]
     };

@@ -1,4 +1,5 @@
-//! A log of ROS 2 (CDR, ros2msg) written anew in another encoding, by writers that share nothing with the readers under test.
+//! A log of ROS 2 (CDR, ros2msg) written anew in another encoding, by writers that share nothing
+//! with the readers under test.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,12 +23,15 @@ pub enum Encoding {
 pub fn with_pixels(path: &Path, topic: &str, bytes: usize, change: impl Fn(&mut [u8])) {
     let recording = Recording::open(path).unwrap();
     let mut out = Vec::new();
-    let mut writer = mcap::WriteOptions::new().profile("ros2").create(std::io::Cursor::new(&mut out)).unwrap();
+    let mut writer =
+        mcap::WriteOptions::new().profile("ros2").create(std::io::Cursor::new(&mut out)).unwrap();
     for (id, schema) in &recording.schemas {
         writer.add_schema_with_id(*id, &schema.name, &schema.encoding, &schema.data).unwrap();
     }
     for (id, c) in &recording.channels {
-        writer.add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata).unwrap();
+        writer
+            .add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata)
+            .unwrap();
     }
     for entry in recording.messages(Window::ALL) {
         let Entry::Message(m) = entry else { continue };
@@ -36,7 +40,12 @@ pub fn with_pixels(path: &Path, topic: &str, bytes: usize, change: impl Fn(&mut 
             let start = data.len() - bytes;
             change(&mut data[start..]);
         }
-        let header = mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence, log_time: m.log_time, publish_time: m.publish_time };
+        let header = mcap::records::MessageHeader {
+            channel_id: m.channel,
+            sequence: m.sequence,
+            log_time: m.log_time,
+            publish_time: m.publish_time,
+        };
         writer.write_to_known_channel(&header, &data).unwrap();
     }
     writer.finish().unwrap();
@@ -53,11 +62,18 @@ pub fn transcode(source: &Path, target: &Path, encoding: Encoding) {
     let mut writer = mcap::WriteOptions::new().profile(profile).create(file).unwrap();
     let mut layouts = BTreeMap::new();
     for (id, schema) in &recording.schemas {
-        let layout = parse(&schema.name, std::str::from_utf8(&schema.data).unwrap(), Dialect::Ros2).unwrap();
+        let layout =
+            parse(&schema.name, std::str::from_utf8(&schema.data).unwrap(), Dialect::Ros2).unwrap();
         let (schema_encoding, name, data) = match encoding {
             Encoding::Ros1 => ("ros1msg", "t/Root", ros1_schema(&layout).into_bytes()),
             Encoding::Protobuf => ("protobuf", "t.Root", descriptor_set(&layout)),
-            Encoding::Json => ("jsonschema", "t.Root", json_schema(&layout, &Type::Record(layout.records.len() - 1)).to_string().into_bytes()),
+            Encoding::Json => (
+                "jsonschema",
+                "t.Root",
+                json_schema(&layout, &Type::Record(layout.records.len() - 1))
+                    .to_string()
+                    .into_bytes(),
+            ),
         };
         writer.add_schema_with_id(*id, name, schema_encoding, &data).unwrap();
         layouts.insert(*id, layout);
@@ -81,8 +97,12 @@ pub fn transcode(source: &Path, target: &Path, encoding: Encoding) {
                 Encoding::Protobuf => protobuf(layout, layout.records.len() - 1, &value, &mut data),
                 Encoding::Json => data = json_message(&value).to_string().into_bytes(),
             }
-            let header =
-                mcap::records::MessageHeader { channel_id: m.channel, sequence: m.sequence, log_time: m.log_time, publish_time: m.publish_time };
+            let header = mcap::records::MessageHeader {
+                channel_id: m.channel,
+                sequence: m.sequence,
+                log_time: m.log_time,
+                publish_time: m.publish_time,
+            };
             writer.write_to_known_channel(&header, &data).unwrap();
         }
     }
@@ -136,15 +156,23 @@ fn ros1_name(kind: &Type) -> String {
             Primitive::Text | Primitive::WideText => "string".into(),
         },
         Type::Record(index) => format!("t/R{index}"),
-        Type::Array(element, size) => format!("{}[{}]", ros1_name(element), size.map(|n| n.to_string()).unwrap_or_default()),
+        Type::Array(element, size) => {
+            format!("{}[{}]", ros1_name(element), size.map(|n| n.to_string()).unwrap_or_default())
+        }
     }
 }
 
 fn ros1_schema(layout: &Layout) -> String {
-    let section =
-        |fields: &Vec<(std::sync::Arc<str>, Type)>| fields.iter().map(|(name, kind)| format!("{} {name}\n", ros1_name(kind))).collect::<String>();
+    let section = |fields: &Vec<(std::sync::Arc<str>, Type)>| {
+        fields
+            .iter()
+            .map(|(name, kind)| format!("{} {name}\n", ros1_name(kind)))
+            .collect::<String>()
+    };
     let (root, others) = layout.records.split_last().unwrap();
-    others.iter().enumerate().fold(section(root), |text, (i, r)| text + &format!("{}\nMSG: t/R{i}\n{}", "=".repeat(80), section(r)))
+    others.iter().enumerate().fold(section(root), |text, (i, r)| {
+        text + &format!("{}\nMSG: t/R{i}\n{}", "=".repeat(80), section(r))
+    })
 }
 
 fn ros1(layout: &Layout, kind: &Type, value: &Value<'_>, out: &mut Vec<u8>) {
@@ -156,7 +184,9 @@ fn ros1(layout: &Layout, kind: &Type, value: &Value<'_>, out: &mut Vec<u8>) {
         }
         Type::Array(element, size) => {
             if let Value::Bytes(bytes) = value {
-                out.extend_from_slice(&(bytes.len() as u32).to_le_bytes()[..if size.is_some() { 0 } else { 4 }]);
+                out.extend_from_slice(
+                    &(bytes.len() as u32).to_le_bytes()[..if size.is_some() { 0 } else { 4 }],
+                );
                 out.extend_from_slice(bytes);
                 return;
             }
@@ -168,7 +198,9 @@ fn ros1(layout: &Layout, kind: &Type, value: &Value<'_>, out: &mut Vec<u8>) {
         }
         Type::Primitive(p) => match p {
             Primitive::Bool => out.push(int(value) as u8),
-            Primitive::Int(n) | Primitive::UInt(n) => out.extend_from_slice(&int(value).to_le_bytes()[..*n]),
+            Primitive::Int(n) | Primitive::UInt(n) => {
+                out.extend_from_slice(&int(value).to_le_bytes()[..*n])
+            }
             Primitive::Float(4) => out.extend_from_slice(&(float(value) as f32).to_le_bytes()),
             Primitive::Float(_) => out.extend_from_slice(&float(value).to_le_bytes()),
             Primitive::Text | Primitive::WideText => {
@@ -220,7 +252,9 @@ fn descriptor_set(layout: &Layout) -> Vec<u8> {
             let mut field = Vec::new();
             sized(1, name.as_bytes(), &mut field);
             let is_list = matches!(kind, Type::Array(..)) && proto_type(kind) != 12;
-            for (key, v) in [(3, number as u64 + 1), (4, if is_list { 3 } else { 1 }), (5, proto_type(kind))] {
+            for (key, v) in
+                [(3, number as u64 + 1), (4, if is_list { 3 } else { 1 }), (5, proto_type(kind))]
+            {
                 varint(key << 3, &mut field);
                 varint(v, &mut field);
             }
@@ -238,7 +272,8 @@ fn descriptor_set(layout: &Layout) -> Vec<u8> {
 }
 
 fn protobuf(layout: &Layout, index: usize, value: &Value<'_>, out: &mut Vec<u8>) {
-    for (number, ((_, kind), value)) in layout.records[index].iter().zip(fields(value)).enumerate() {
+    for (number, ((_, kind), value)) in layout.records[index].iter().zip(fields(value)).enumerate()
+    {
         let number = number as u64 + 1;
         match (kind, value) {
             (_, Value::Bytes(bytes)) if proto_type(kind) == 12 => sized(number, bytes, out),
@@ -254,8 +289,12 @@ fn protobuf(layout: &Layout, index: usize, value: &Value<'_>, out: &mut Vec<u8>)
                     let mut packed = Vec::new();
                     for v in elements(value) {
                         match p {
-                            Primitive::Float(4) => packed.extend_from_slice(&(float(&v) as f32).to_le_bytes()),
-                            Primitive::Float(_) => packed.extend_from_slice(&float(&v).to_le_bytes()),
+                            Primitive::Float(4) => {
+                                packed.extend_from_slice(&(float(&v) as f32).to_le_bytes())
+                            }
+                            Primitive::Float(_) => {
+                                packed.extend_from_slice(&float(&v).to_le_bytes())
+                            }
                             _ => varint(int(&v) as u64, &mut packed),
                         }
                     }
@@ -297,10 +336,14 @@ fn json_schema(layout: &Layout, kind: &Type) -> Json {
         Type::Primitive(Primitive::Int(_) | Primitive::UInt(_)) => json!({"type": "integer"}),
         Type::Primitive(Primitive::Float(_)) => json!({"type": "number"}),
         Type::Primitive(_) => json!({"type": "string"}),
-        Type::Array(element, _) if **element == Type::Primitive(Primitive::UInt(1)) => json!({"type": "string", "contentEncoding": "base64"}),
+        Type::Array(element, _) if **element == Type::Primitive(Primitive::UInt(1)) => {
+            json!({"type": "string", "contentEncoding": "base64"})
+        }
         Type::Array(element, _) => json!({"type": "array", "items": json_schema(layout, element)}),
         Type::Record(index) => {
-            let properties = layout.records[*index].iter().map(|(name, kind)| (name.to_string(), json_schema(layout, kind)));
+            let properties = layout.records[*index]
+                .iter()
+                .map(|(name, kind)| (name.to_string(), json_schema(layout, kind)));
             json!({"type": "object", "properties": properties.collect::<serde_json::Map<_, _>>()})
         }
     }
@@ -315,6 +358,8 @@ fn json_message(value: &Value<'_>) -> Json {
         Value::Bytes(v) => json!(base64::prelude::BASE64_STANDARD.encode(v)),
         Value::Numbers(v) => json!(v),
         Value::List(v) => Json::Array(v.iter().map(json_message).collect()),
-        Value::Record(fields) => Json::Object(fields.iter().map(|(name, v)| (name.to_string(), json_message(v))).collect()),
+        Value::Record(fields) => Json::Object(
+            fields.iter().map(|(name, v)| (name.to_string(), json_message(v))).collect(),
+        ),
     }
 }

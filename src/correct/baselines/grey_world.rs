@@ -1,5 +1,6 @@
-//! Baseline: the mean of a frame is taken for grey (paper §III-D, Eq. 13 with an even illumination; Buchsbaum 1980, "A
-//! spatial processor model for object colour perception"). Per frame, as its users have it.
+//! Baseline: the mean of a frame is taken for grey (paper §III-D, Eq. 13 with an even illumination;
+//! Buchsbaum 1980, "A spatial processor model for object colour perception"). Per frame, as its
+//! users have it.
 
 use super::{LEAST_LIGHT, MEAN_LEVEL};
 use crate::image::LinearImage;
@@ -9,7 +10,8 @@ pub fn balance(image: &mut LinearImage) {
     let bands = image.bands;
     for band in 0..bands {
         let of_band = image.pixels.iter().skip(band).step_by(bands);
-        let mean = of_band.map(|v| f64::from(*v)).sum::<f64>() / (image.width * image.height) as f64;
+        let mean =
+            of_band.map(|v| f64::from(*v)).sum::<f64>() / (image.width * image.height) as f64;
         let gain = (MEAN_LEVEL / mean.max(f64::from(LEAST_LIGHT))) as f32;
         image.pixels.iter_mut().skip(band).step_by(bands).for_each(|v| *v *= gain);
     }
@@ -19,7 +21,8 @@ pub fn balance(image: &mut LinearImage) {
 mod tests {
     use super::super::tests::pattern;
 
-    /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `a * .25 / a.mean((0, 1))` at [5, 7].
+    /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `a * .25 / a.mean((0,
+    /// 1))` at [5, 7].
     #[test]
     fn as_numpy_has_it() {
         let mut image = pattern(31, 23, 3);

@@ -1,16 +1,18 @@
-//! Baseline: homomorphic filtering (paper §III-B, Eq. 12; Singh, Roman, Pizarro, Eustice & Can 2007, its [16]).
+//! Baseline: homomorphic filtering (paper §III-B, Eq. 12; Singh, Roman, Pizarro, Eustice & Can
+//! 2007, its [16]).
 //!
 //! ```text
 //! log c = log I + log r,   log I ≈ low-pass of log c       a Gaussian, band by band
 //! ```
 //!
-//! What is broad on the seafloor is taken for light and goes too; haloes stand around what is sharp. The Gaussian runs
-//! over blocks of pixels, as it is wider than they are by far.
+//! What is broad on the seafloor is taken for light and goes too; haloes stand around what is
+//! sharp. The Gaussian runs over blocks of pixels, as it is wider than they are by far.
 
 use super::{LEAST_LIGHT, MEAN_LEVEL, log_blocks};
 use crate::image::LinearImage;
 
-/// Standard deviation of the low-pass, of the picture's longer side: an eighth is about a strobe's cone.
+/// Standard deviation of the low-pass, of the picture's longer side: an eighth is about a strobe's
+/// cone.
 const SIGMA_SHARE: f64 = 0.125;
 /// Blocks along the longer side.
 const SIDE: usize = 128;
@@ -33,7 +35,8 @@ pub fn flatten(image: &mut LinearImage) {
             let ((x0, x1, a), (y0, y1, b)) = (place(i % width, columns), place(i / width, rows));
             let row = |y: usize| broad[y * columns + x0] * (1.0 - a) + broad[y * columns + x1] * a;
             let light = row(y0) * (1.0 - b) + row(y1) * b;
-            pixel[band] = (f64::from(pixel[band].max(LEAST_LIGHT)) / light.exp() * MEAN_LEVEL) as f32;
+            pixel[band] =
+                (f64::from(pixel[band].max(LEAST_LIGHT)) / light.exp() * MEAN_LEVEL) as f32;
         }
     }
 }
@@ -41,18 +44,25 @@ pub fn flatten(image: &mut LinearImage) {
 /// A Gaussian along both axes, the picture mirrored at its edges.
 fn blurred(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
     let reach = (REACH * sigma + 0.5) as i64;
-    let weights: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
+    let weights: Vec<f64> =
+        (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp()).collect();
     let sum: f64 = weights.iter().sum();
     let mirrored = |at: i64, count: usize| {
         let folded = at.rem_euclid(2 * count as i64) as usize;
         if folded < count { folded } else { 2 * count - 1 - folded }
     };
     let along = |count: usize, of: &dyn Fn(usize) -> f64, at: usize| {
-        let taps = weights.iter().enumerate().map(|(k, w)| w * of(mirrored(at as i64 + k as i64 - reach, count)));
+        let taps = weights
+            .iter()
+            .enumerate()
+            .map(|(k, w)| w * of(mirrored(at as i64 + k as i64 - reach, count)));
         taps.sum::<f64>() / sum
     };
     let cells = 0..columns * rows;
-    let across: Vec<f64> = cells.clone().map(|i| along(columns, &|x| values[i / columns * columns + x], i % columns)).collect();
+    let across: Vec<f64> = cells
+        .clone()
+        .map(|i| along(columns, &|x| values[i / columns * columns + x], i % columns))
+        .collect();
     cells.map(|i| along(rows, &|y| across[y * columns + i % columns], i / columns)).collect()
 }
 
@@ -60,8 +70,9 @@ fn blurred(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> 
 mod tests {
     use super::super::tests::pattern;
 
-    /// SciPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3;
-    /// `np.exp(np.log(a) - scipy.ndimage.gaussian_filter(np.log(a), (31 / 8, 31 / 8, 0))) * .25` at [5, 7] and [22, 30].
+    /// SciPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `np.exp(np.log(a) -
+    /// scipy.ndimage.gaussian_filter(np.log(a), (31 / 8, 31 / 8, 0))) * .25` at [5, 7] and [22,
+    /// 30].
     #[test]
     fn as_scipy_has_it() {
         let mut image = pattern(31, 23, 3);
@@ -71,5 +82,6 @@ mod tests {
         }
     }
 
-    const HOMOMORPHIC: [f64; 6] = [0.1217440, 0.3089676, 0.4886810, 0.0743780, 0.3063410, 0.4788395];
+    const HOMOMORPHIC: [f64; 6] =
+        [0.1217440, 0.3089676, 0.4886810, 0.0743780, 0.3063410, 0.4788395];
 }

@@ -1,5 +1,6 @@
-//! Baseline: homomorphic with a fitted surface (paper §III-B, Eq. 12; after its [17]): log I is a polynomial of the pixel's
-//! place, fitted to log c by least squares, band by band. Smoother than a low-pass, so no haloes; a beam with an edge does not fit.
+//! Baseline: homomorphic with a fitted surface (paper §III-B, Eq. 12; after its [17]): log I is a
+//! polynomial of the pixel's place, fitted to log c by least squares, band by band. Smoother than a
+//! low-pass, so no haloes; a beam with an edge does not fit.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -17,16 +18,23 @@ pub fn flatten(image: &mut LinearImage) {
     for band in 0..bands {
         let (logs, (columns, _), block) = log_blocks(image, band, SIDE);
         // A block's middle; the last of a row may be cut short.
-        let middle = |at: usize, end: usize| 0.5 * (at * block + ((at + 1) * block).min(end) - 1) as f64;
-        let terms: Vec<[f64; TERMS]> =
-            (0..logs.len()).map(|i| terms(middle(i % columns, width), middle(i / columns, height), width, height)).collect();
+        let middle =
+            |at: usize, end: usize| 0.5 * (at * block + ((at + 1) * block).min(end) - 1) as f64;
+        let terms: Vec<[f64; TERMS]> = (0..logs.len())
+            .map(|i| terms(middle(i % columns, width), middle(i / columns, height), width, height))
+            .collect();
         let design = DMatrix::from_fn(logs.len(), TERMS, |i, k| terms[i][k]);
-        let Some(normal) = (design.transpose() * &design + DMatrix::identity(TERMS, TERMS) * 1e-9).cholesky() else { continue };
+        let Some(normal) =
+            (design.transpose() * &design + DMatrix::identity(TERMS, TERMS) * 1e-9).cholesky()
+        else {
+            continue;
+        };
         let fitted = normal.solve(&(design.transpose() * DVector::from_vec(logs)));
         for (i, pixel) in image.pixels.chunks_exact_mut(bands).enumerate() {
             let here = self::terms((i % width) as f64, (i / width) as f64, width, height);
             let light: f64 = here.iter().zip(fitted.iter()).map(|(t, f)| t * f).sum();
-            pixel[band] = (f64::from(pixel[band].max(LEAST_LIGHT)) / light.exp() * MEAN_LEVEL) as f32;
+            pixel[band] =
+                (f64::from(pixel[band].max(LEAST_LIGHT)) / light.exp() * MEAN_LEVEL) as f32;
         }
     }
 }
@@ -45,9 +53,10 @@ fn terms(x: f64, y: f64, width: usize, height: usize) -> [f64; TERMS] {
 mod tests {
     use super::super::tests::pattern;
 
-    /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `u, v = x / 15 - 1, y / 11 - 1`;
-    /// `A = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)], -1).reshape(-1, 15)`;
-    /// `np.exp(l - A @ np.linalg.lstsq(A, l, rcond=None)[0]) * .25` with `l = np.log(a).reshape(-1, 3)` at [5, 7] and [22, 30].
+    /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `u, v = x / 15 - 1, y /
+    /// 11 - 1`; `A = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)],
+    /// -1).reshape(-1, 15)`; `np.exp(l - A @ np.linalg.lstsq(A, l, rcond=None)[0]) * .25` with `l =
+    /// np.log(a).reshape(-1, 3)` at [5, 7] and [22, 30].
     #[test]
     fn as_numpy_has_it() {
         let mut image = pattern(31, 23, 3);

@@ -1,8 +1,10 @@
-//! What others do, for comparison on equal terms (paper §III, Fig. 4). **Not corrections**: some take statistics of a
-//! single frame, so what is brighter in their pictures need not be brighter on the seafloor, and none knows a path of light.
+//! What others do, for comparison on equal terms (paper §III, Fig. 4). **Not corrections**: some
+//! take statistics of a single frame, so what is brighter in their pictures need not be brighter on
+//! the seafloor, and none knows a path of light.
 //!
-//! All work on the demosaiced picture in linear light (but for `ahe`, which is made for codes) and bring what they take for
-//! the mean, or for white, to one level, so that pictures can be looked at side by side.
+//! All work on the demosaiced picture in linear light (but for `ahe`, which is made for codes) and
+//! bring what they take for the mean, or for white, to one level, so that pictures can be looked at
+//! side by side.
 
 mod adaptive_histogram;
 mod frame_average;
@@ -59,7 +61,8 @@ pub fn apply(method: Method, image: &mut LinearImage, means: &MeanFrames, camera
     }
 }
 
-/// A band of a picture, log light, in blocks such that its longer side is `side` at most; and the block's size.
+/// A band of a picture, log light, in blocks such that its longer side is `side` at most; and the
+/// block's size.
 fn log_blocks(image: &LinearImage, band: usize, side: usize) -> (Vec<f64>, (usize, usize), usize) {
     let block = image.width.max(image.height).div_ceil(side).max(1);
     let (columns, rows) = (image.width.div_ceil(block), image.height.div_ceil(block));
@@ -76,19 +79,29 @@ fn log_blocks(image: &LinearImage, band: usize, side: usize) -> (Vec<f64>, (usiz
 pub(super) mod tests {
     use super::*;
 
-    /// A picture that Python makes the same: `((7x + 13y + 29b) % 97 + 3) / 128`, in double precision.
+    /// A picture that Python makes the same: `((7x + 13y + 29b) % 97 + 3) / 128`, in double
+    /// precision.
     pub fn pattern(width: usize, height: usize, bands: usize) -> LinearImage {
         let mut image = LinearImage::new(width, height, bands);
         for (i, pixel) in image.pixels.chunks_exact_mut(bands).enumerate() {
             let (x, y) = (i % width, i / width);
-            pixel.iter_mut().enumerate().for_each(|(b, v)| *v = ((7 * x + 13 * y + 29 * b) % 97 + 3) as f32 / 128.0);
+            pixel
+                .iter_mut()
+                .enumerate()
+                .for_each(|(b, v)| *v = ((7 * x + 13 * y + 29 * b) % 97 + 3) as f32 / 128.0);
         }
         image
     }
 
     #[test]
     fn a_black_picture_stays_finite_in_every_baseline() {
-        let methods = [Method::GreyWorld, Method::WhitePatch, Method::Homomorphic, Method::HomomorphicSurface, Method::Ahe];
+        let methods = [
+            Method::GreyWorld,
+            Method::WhitePatch,
+            Method::Homomorphic,
+            Method::HomomorphicSurface,
+            Method::Ahe,
+        ];
         for method in methods {
             for bands in [1, 3] {
                 let mut image = LinearImage::new(5, 3, bands);

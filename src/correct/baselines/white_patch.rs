@@ -1,5 +1,6 @@
-//! Baseline: the brightest of a frame is taken for white (paper §III-D; Land & McCann 1971, "Lightness and retinex theory").
-//! Not the very brightest pixel, which is a glint or noise, but a high quantile of each band.
+//! Baseline: the brightest of a frame is taken for white (paper §III-D; Land & McCann 1971,
+//! "Lightness and retinex theory"). Not the very brightest pixel, which is a glint or noise, but a
+//! high quantile of each band.
 
 use super::{LEAST_LIGHT, WHITE_LEVEL};
 use crate::image::LinearImage;
@@ -14,7 +15,12 @@ pub fn balance(image: &mut LinearImage) {
         let mut values: Vec<f32> = image.pixels.iter().skip(band).step_by(bands).copied().collect();
         let index = ((values.len() - 1) as f64 * WHITE_QUANTILE).round() as usize;
         let white = (*values.select_nth_unstable_by(index, f32::total_cmp).1).max(LEAST_LIGHT);
-        image.pixels.iter_mut().skip(band).step_by(bands).for_each(|v| *v *= WHITE_LEVEL as f32 / white);
+        image
+            .pixels
+            .iter_mut()
+            .skip(band)
+            .step_by(bands)
+            .for_each(|v| *v *= WHITE_LEVEL as f32 / white);
     }
 }
 

@@ -1,5 +1,5 @@
-//! Where each unknown of the joint solve stands: beam nodes, α (band by band, node by node in time), exponent,
-//! strength of backscatter, places.
+//! Where each unknown of the joint solve stands: beam nodes, α (band by band, node by node in
+//! time), exponent, strength of backscatter, places.
 
 use super::{Row, Setting};
 use crate::model::{Backscatter, SHAPES};
@@ -116,7 +116,13 @@ impl Columns {
     }
 
     /// The rest of it, which is one band's own; all unknowns of the beam stand before these.
-    pub fn of_band(&self, setting: &Setting<'_>, back: &Backscatter, row: &Row, band: usize) -> Entries<MOST> {
+    pub fn of_band(
+        &self,
+        setting: &Setting<'_>,
+        back: &Backscatter,
+        row: &Row,
+        band: usize,
+    ) -> Entries<MOST> {
         let mut entries = Entries::new();
         match setting.drift {
             None => entries.put(self.attenuation(band, 0), -row.length_m),
@@ -136,7 +142,9 @@ impl Columns {
         }
         if let Some(first) = self.shape(0) {
             let by_shape = row.glow.by_shape(band);
-            by_shape.iter().enumerate().for_each(|(k, x)| entries.put(first + k, x * back.strength_per_m[band] * row.per_direct[band]));
+            by_shape.iter().enumerate().for_each(|(k, x)| {
+                entries.put(first + k, x * back.strength_per_m[band] * row.per_direct[band])
+            });
         }
         (0..self.places).for_each(|k| entries.put(self.first_place() + k, row.by_place[band][k]));
         entries

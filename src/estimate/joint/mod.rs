@@ -1,18 +1,21 @@
-//! Attenuation, beam pattern and the reflectance of every tracked point in one robust solve (Eq. 15).
+//! Attenuation, beam pattern and the reflectance of every tracked point in one robust solve (Eq.
+//! 15).
 //!
 //! ```text
 //! y_o = ρ_t + Σ_n w_n B_n − α_Λ(t) ℓ_o [− p log ℓ_a] [+ δb_Λ S_o / D_o]      y = log c − spreading − log cos γ
 //! ```
 //!
-//! Unknown: α per band (at nodes in time, where it drifts), B on bilinear nodes shared by the bands (second differences
-//! held small), optionally the spreading exponent p and, to first order, what the water scatters back (`backscatter`) and
-//! the strobe's place (`strobe_search`); and ρ per track and band. The ρ are eliminated in closed form: each track
-//! contributes Σ w x xᵀ − (Σ w x)(Σ w x)ᵀ / Σ w. Reweighted (Cauchy), a fixed number of rounds. A band's noise
-//! grows as light gets less, so misfits are measured against the spread of equally bright observations; and where light
+//! Unknown: α per band (at nodes in time, where it drifts), B on bilinear nodes shared by the bands
+//! (second differences held small), optionally the spreading exponent p and, to first order, what
+//! the water scatters back (`backscatter`) and the strobe's place (`strobe_search`); and ρ per
+//! track and band. The ρ are eliminated in closed form: each track contributes Σ w x xᵀ − (Σ w x)(Σ
+//! w x)ᵀ / Σ w. Reweighted (Cauchy), a fixed number of rounds. A band's noise grows as light gets
+//! less, so misfits are measured against the spread of equally bright observations; and where light
 //! scattered back was taken off, what is left carries the noise of all of it.
 //!
-//! After Bryson et al. (JFR 2016) and SUCRe (3DV 2024) in idea; ours in form. `columns` says where each unknown stands,
-//! `normal` builds and solves the equations, `uncertainty` says how sure the answer is.
+//! After Bryson et al. (JFR 2016) and SUCRe (3DV 2024) in idea; ours in form. `columns` says where
+//! each unknown stands, `normal` builds and solves the equations, `uncertainty` says how sure the
+//! answer is.
 
 mod columns;
 mod normal;
@@ -120,9 +123,11 @@ struct Row {
     nodes_used: usize,
     length_m: f64,
     log_strobe_leg: f64,
-    /// spreading and cos γ; of several lamps also what is left of their sum beyond the mean of their logs, per band
+    /// spreading and cos γ; of several lamps also what is left of their sum beyond the mean of
+    /// their logs, per band
     geometry: [f64; 3],
-    /// the ways from several lamps: node weights, geometry and log of the share, ℓ_a [m]; empty where there is one
+    /// the ways from several lamps: node weights, geometry and log of the share, ℓ_a [m]; empty
+    /// where there is one
     legs: Vec<LegRow>,
     seafloor_to_camera_m: f64,
     /// log c freed of geometry and of what was scattered back, by the solution before
@@ -133,8 +138,8 @@ struct Row {
     glow: Glow,
     /// D / (D + B): misfits of y are this much larger than those of log c
     direct_share: [f64; 3],
-    /// 1 / D: D is the direct light by the solution before. The observed light would carry its own error into the
-    /// derivative, and the two together would bias b.
+    /// 1 / D: D is the direct light by the solution before. The observed light would carry its own
+    /// error into the derivative, and the two together would bias b.
     per_direct: [f64; 3],
     /// which of all observations, in the order of the tracks
     source: usize,
@@ -187,7 +192,12 @@ pub struct Said {
 }
 
 /// Solves for all tracks; `None` where too little is seen.
-pub fn solve(tracks: &[Track], setting: &Setting<'_>, mount: Lamps, paths: &PathFor<'_>) -> Option<JointAnswer> {
+pub fn solve(
+    tracks: &[Track],
+    setting: &Setting<'_>,
+    mount: Lamps,
+    paths: &PathFor<'_>,
+) -> Option<JointAnswer> {
     let mut problem = Problem::new(tracks, setting, mount, paths)?;
     let solution = problem.solve(setting.rounds)?;
     if setting.free_strobe {
@@ -211,7 +221,12 @@ pub fn strobe_places<'f>(mount: Lamps, paths: &'f PathFor<'f>) -> [Place<'f>; 3]
 
 impl<'s> Problem<'s> {
     /// Sets the problem up for a strobe's mount; `None` where too little is seen.
-    pub fn new<'t>(tracks: &'t [Track], setting: &Setting<'s>, mount: Lamps, paths: &PathFor<'_>) -> Option<Self> {
+    pub fn new<'t>(
+        tracks: &'t [Track],
+        setting: &Setting<'s>,
+        mount: Lamps,
+        paths: &PathFor<'_>,
+    ) -> Option<Self> {
         let Setting { bands, nodes, .. } = *setting;
         let mut source = 0;
         let begun = tracks.iter().map(|track| {
@@ -220,18 +235,32 @@ impl<'s> Problem<'s> {
         });
         let begun: Vec<(usize, &Track)> = begun.collect();
         let lit = |first: usize, track: &'t Track| {
-            let lit = |(i, o)| Some((first + i, o, paths(o, mount).filter(|p| p.all_angles().all(|a| nodes.holds(a)))?));
+            let lit = |(i, o)| {
+                Some((
+                    first + i,
+                    o,
+                    paths(o, mount).filter(|p| p.all_angles().all(|a| nodes.holds(a)))?,
+                ))
+            };
             track.iter().enumerate().filter_map(lit).collect()
         };
         let views: Vec<Vec<Lit<'_>>> = each(begun, |(first, track)| lit(first, track));
         let mut seen = vec![0.0; nodes.count * nodes.count];
-        views.iter().flatten().flat_map(|(_, _, p)| p.all_angles().flat_map(|a| nodes.weights(a))).for_each(|(n, w)| seen[n] += w);
+        views
+            .iter()
+            .flatten()
+            .flat_map(|(_, _, p)| p.all_angles().flat_map(|a| nodes.weights(a)))
+            .for_each(|(n, w)| seen[n] += w);
         // Only nodes that are seen are unknowns; views at others are left out.
         let columns = Columns::new(seen.iter().map(|w| *w >= LEAST_NODE_WEIGHT), setting);
         let (mut rows, mut ends) = (Vec::with_capacity(source), Vec::with_capacity(tracks.len()));
         for of_track in views {
             let start = rows.len();
-            rows.extend(of_track.into_iter().filter_map(|(source, o, path)| row(setting, &columns, o, &path, source)));
+            rows.extend(
+                of_track
+                    .into_iter()
+                    .filter_map(|(source, o, path)| row(setting, &columns, o, &path, source)),
+            );
             if rows.len() - start < 2 {
                 rows.truncate(start);
             } else {
@@ -241,14 +270,27 @@ impl<'s> Problem<'s> {
         let weights = rows.iter().map(|r| r.direct_share.map(|d| d * d)).collect();
         let enough = rows.len() >= 2 * (columns.beam_nodes() + bands).min(100) && ends.len() >= 30;
         let back = setting.glow.map_or(Backscatter::NONE, |(back, _)| *back);
-        enough.then_some(Self { setting: *setting, most_scattered: darkest(&rows, &back), rows, ends, columns, weights, back, held: [false; 3] })
+        enough.then_some(Self {
+            setting: *setting,
+            most_scattered: darkest(&rows, &back),
+            rows,
+            ends,
+            columns,
+            weights,
+            back,
+            held: [false; 3],
+        })
     }
 
     /// What a solution says, without how sure it is.
     pub fn said(&self, solution: &Solution) -> Said {
         let (time, values) = (self.mean_over_time(), &solution.values);
-        let mean = |b: usize| time.iter().enumerate().map(|(k, w)| w * values[self.columns.attenuation(b, k)]).sum();
-        let of_bands = |f: &dyn Fn(usize) -> f64| std::array::from_fn(|b| if b < self.setting.bands { f(b) } else { 0.0 });
+        let mean = |b: usize| {
+            time.iter().enumerate().map(|(k, w)| w * values[self.columns.attenuation(b, k)]).sum()
+        };
+        let of_bands = |f: &dyn Fn(usize) -> f64| {
+            std::array::from_fn(|b| if b < self.setting.bands { f(b) } else { 0.0 })
+        };
         Said {
             attenuation_per_m: of_bands(&mean),
             backscatter: self.back,
@@ -257,7 +299,9 @@ impl<'s> Problem<'s> {
     }
 
     fn beam_by_node(&self, values: &DVector<f64>) -> Vec<Option<f64>> {
-        (0..self.setting.nodes.count * self.setting.nodes.count).map(|n| values.get(self.columns.beam_node(n)?).copied()).collect()
+        (0..self.setting.nodes.count * self.setting.nodes.count)
+            .map(|n| values.get(self.columns.beam_node(n)?).copied())
+            .collect()
     }
 
     /// Mean of α over the frames as weights of its nodes in time.
@@ -282,11 +326,18 @@ impl<'s> Problem<'s> {
         // (combination of unknowns, its value) → value and standard deviation
         let of = |terms: &[(usize, f64)]| {
             let value = terms.iter().map(|(i, k)| k * values[*i]).sum::<f64>();
-            let variance =
-                terms.iter().flat_map(|(i, k)| terms.iter().map(move |(j, l)| (i, j, k * l))).map(|(i, j, k)| k * covariance[(i - first, j - first)]);
+            let variance = terms
+                .iter()
+                .flat_map(|(i, k)| terms.iter().map(move |(j, l)| (i, j, k * l)))
+                .map(|(i, j, k)| k * covariance[(i - first, j - first)]);
             (value, variance.sum::<f64>().max(0.0).sqrt())
         };
-        let mean = |b: usize, sign: f64| time.iter().enumerate().map(|(k, w)| (columns.attenuation(b, k), sign * w)).collect::<Vec<_>>();
+        let mean = |b: usize, sign: f64| {
+            time.iter()
+                .enumerate()
+                .map(|(k, w)| (columns.attenuation(b, k), sign * w))
+                .collect::<Vec<_>>()
+        };
         let mut answer = JointAnswer {
             attenuation_per_m: [0.0; 3],
             std_per_m: [0.0; 3],
@@ -316,22 +367,35 @@ impl<'s> Problem<'s> {
     }
 
     fn tracks(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
-        std::iter::once(0).chain(self.ends.iter().copied()).zip(self.ends.iter().copied()).map(|(a, b)| a..b)
+        std::iter::once(0)
+            .chain(self.ends.iter().copied())
+            .zip(self.ends.iter().copied())
+            .map(|(a, b)| a..b)
     }
 
     fn path_spread_m(&self) -> f64 {
         let mut sum = 0.0;
         for track in self.tracks() {
-            let mean = track.clone().map(|i| self.rows[i].length_m).sum::<f64>() / track.len() as f64;
+            let mean =
+                track.clone().map(|i| self.rows[i].length_m).sum::<f64>() / track.len() as f64;
             sum += track.map(|i| (self.rows[i].length_m - mean).powi(2)).sum::<f64>();
         }
         (sum / self.rows.len().max(1) as f64).sqrt()
     }
 
-    /// Log reflectance by one observation's own light, and its share of direct light: what a solution says of any view.
-    pub fn reflectance_by(&self, solution: &Solution, o: &Observation, mount: Lamps, paths: &PathFor<'_>) -> Option<(Bands, Bands)> {
-        let path = paths(o, mount).filter(|p| p.all_angles().all(|a| self.setting.nodes.holds(a)))?;
-        let setting = Setting { glow: self.setting.glow.map(|(_, glow)| (&self.back, glow)), ..self.setting };
+    /// Log reflectance by one observation's own light, and its share of direct light: what a
+    /// solution says of any view.
+    pub fn reflectance_by(
+        &self,
+        solution: &Solution,
+        o: &Observation,
+        mount: Lamps,
+        paths: &PathFor<'_>,
+    ) -> Option<(Bands, Bands)> {
+        let path =
+            paths(o, mount).filter(|p| p.all_angles().all(|a| self.setting.nodes.holds(a)))?;
+        let setting =
+            Setting { glow: self.setting.glow.map(|(_, glow)| (&self.back, glow)), ..self.setting };
         let mut row = row(&setting, &self.columns, o, &path, 0)?;
         self.add_up(&mut row, &solution.values);
         Some((self.beyond_model(&row, &solution.values), row.direct_share))
@@ -339,15 +403,23 @@ impl<'s> Problem<'s> {
 }
 
 /// An observation as numbers; `None` where it lies on a node that is not solved for.
-fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPath, source: usize) -> Option<Row> {
+fn row(
+    setting: &Setting<'_>,
+    columns: &Columns,
+    o: &Observation,
+    path: &LightPath,
+    source: usize,
+) -> Option<Row> {
     let is_known = |(n, w): &(usize, f64)| columns.beam_node(*n).is_some() || *w <= 1e-9;
     let mut nodes = [(0, 0.0); 4 * MOST_LAMPS];
     let of_leg = |p: &LightPath, share: f64| LegRow {
         nodes: setting.nodes.weights(p.angles),
-        log_geometry: share.ln() + log_geometry(setting.spreading_held(), setting.config.incidence, p),
+        log_geometry: share.ln()
+            + log_geometry(setting.spreading_held(), setting.config.incidence, p),
         length_m: p.strobe_to_seafloor_m,
     };
-    let legs: Vec<LegRow> = path.legs().iter().map(|leg| of_leg(&path.by(leg), leg.share)).collect();
+    let legs: Vec<LegRow> =
+        path.legs().iter().map(|leg| of_leg(&path.by(leg), leg.share)).collect();
     let first = of_leg(path, 1.0);
     let nodes_used = if legs.is_empty() { 4 } else { 4 * legs.len() };
     let all = legs.iter().chain(legs.is_empty().then_some(&first)).flat_map(|l| l.nodes);
@@ -357,12 +429,15 @@ fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPa
     }
     let geometry = first.log_geometry;
     let log_color = o.sight.log_color;
-    let (glow, back) = setting.glow.map_or((Glow::default(), Backscatter::NONE), |(back, glow)| (glow(o), *back));
-    let (mut y, mut direct_share, mut per_direct, light) = ([0.0; 3], [1.0; 3], [0.0; 3], back.light(&glow));
+    let (glow, back) =
+        setting.glow.map_or((Glow::default(), Backscatter::NONE), |(back, glow)| (glow(o), *back));
+    let (mut y, mut direct_share, mut per_direct, light) =
+        ([0.0; 3], [1.0; 3], [0.0; 3], back.light(&glow));
     for b in 0..setting.bands {
         let all = f64::from(log_color[b]).exp();
         let direct = (all - light[b]).max(LEAST_DIRECT_SHARE * all);
-        (y[b], direct_share[b], per_direct[b]) = (direct.ln() - geometry, direct / all, 1.0 / direct);
+        (y[b], direct_share[b], per_direct[b]) =
+            (direct.ln() - geometry, direct / all, 1.0 / direct);
     }
     Some(Row {
         frame: o.frame,
@@ -386,7 +461,11 @@ fn row(setting: &Setting<'_>, columns: &Columns, o: &Observation, path: &LightPa
 impl Setting<'_> {
     /// Spreading as far as it is not an unknown.
     fn spreading_held(&self) -> SpreadingModel {
-        if self.fit_exponent { SpreadingModel { strobe_leg: 0.0, ..self.spreading } } else { self.spreading }
+        if self.fit_exponent {
+            SpreadingModel { strobe_leg: 0.0, ..self.spreading }
+        } else {
+            self.spreading
+        }
     }
 }
 
@@ -394,7 +473,10 @@ impl Setting<'_> {
 fn darkest(rows: &[Row], back: &Backscatter) -> Bands {
     let unit = Backscatter { strength_per_m: [1.0; 3], ..*back };
     std::array::from_fn(|b| {
-        let ratios: Vec<f64> = rows.iter().map(|r| f64::from(r.log_color[b]).exp() / unit.light(&r.glow)[b].max(1e-12)).collect();
+        let ratios: Vec<f64> = rows
+            .iter()
+            .map(|r| f64::from(r.log_color[b]).exp() / unit.light(&r.glow)[b].max(1e-12))
+            .collect();
         robust::quantile(&ratios, DARKEST)
     })
 }

@@ -1,4 +1,5 @@
-//! The equations of the joint solve: built track by track with ρ eliminated, solved, and weighed anew.
+//! The equations of the joint solve: built track by track with ρ eliminated, solved, and weighed
+//! anew.
 
 use std::ops::Range;
 
@@ -11,12 +12,14 @@ use crate::model::{SHAPES, log_sum};
 
 /// A held unknown is this much stiffer than the rows make it.
 const HOLDING: f64 = 1e6;
-/// Weight of the second difference of α in time: it bends by 0.005 per metre from node to node, for a misfit of 0.01.
+/// Weight of the second difference of α in time: it bends by 0.005 per metre from node to node, for
+/// a misfit of 0.01.
 const TIME_BENDS: f64 = 4.0;
 /// Weight of the first: no more than holds a stretch that no track tells of.
 const TIME_STEPS: f64 = 1e-3;
 
-/// The work is split into so many parts: enough for the cores there are, few enough that adding up their matrices costs little.
+/// The work is split into so many parts: enough for the cores there are, few enough that adding up
+/// their matrices costs little.
 const PARTS: usize = 4;
 
 /// Weight that holds η and ζ where they are, in case no light tells of them.
@@ -41,7 +44,8 @@ impl Problem<'_> {
         solution
     }
 
-    /// The light of several lamps adds up: its logarithm is made linear about a solution, in all rows.
+    /// The light of several lamps adds up: its logarithm is made linear about a solution, in all
+    /// rows.
     fn add_up_all(&mut self, values: &DVector<f64>) {
         if self.rows.iter().all(|r| r.legs.is_empty()) {
             return;
@@ -51,21 +55,36 @@ impl Problem<'_> {
         self.rows = rows;
     }
 
-    /// log Σ_k e^{u_k} ≈ Σ_k s_k u_k + what is left over, u_k = B_k − α ℓ_k + geometry of lamp k, s_k its share of the light.
+    /// log Σ_k e^{u_k} ≈ Σ_k s_k u_k + what is left over, u_k = B_k − α ℓ_k + geometry of lamp k,
+    /// s_k its share of the light.
     pub(super) fn add_up(&self, row: &mut Row, values: &DVector<f64>) {
         if row.legs.is_empty() {
             return;
         }
         let bands = self.setting.bands;
-        let beam = |leg: &LegRow| leg.nodes.iter().filter_map(|(n, w)| Some(w * values[self.columns.beam_node(*n)?])).sum::<f64>();
-        let alpha: [f64; 3] = std::array::from_fn(|b| if b < bands { self.attenuation_of(row.frame, b, values) } else { 0.0 });
+        let beam = |leg: &LegRow| {
+            leg.nodes
+                .iter()
+                .filter_map(|(n, w)| Some(w * values[self.columns.beam_node(*n)?]))
+                .sum::<f64>()
+        };
+        let alpha: [f64; 3] = std::array::from_fn(|b| {
+            if b < bands { self.attenuation_of(row.frame, b, values) } else { 0.0 }
+        });
         let exponent = self.columns.exponent().map_or(0.0, |i| values[i]);
         // Without geometry, as far as it is no unknown.
-        let of_leg = |l: &LegRow, b: usize| beam(l) - alpha[b] * l.length_m - exponent * l.length_m.ln();
-        let said: Vec<[f64; 3]> = row.legs.iter().map(|l| std::array::from_fn(|b| of_leg(l, b))).collect();
-        let sums: [f64; 3] = std::array::from_fn(|b| log_sum(row.legs.iter().zip(&said).map(move |(l, s)| l.log_geometry + s[b])));
+        let of_leg =
+            |l: &LegRow, b: usize| beam(l) - alpha[b] * l.length_m - exponent * l.length_m.ln();
+        let said: Vec<[f64; 3]> =
+            row.legs.iter().map(|l| std::array::from_fn(|b| of_leg(l, b))).collect();
+        let sums: [f64; 3] = std::array::from_fn(|b| {
+            log_sum(row.legs.iter().zip(&said).map(move |(l, s)| l.log_geometry + s[b]))
+        });
         // One share for all bands: the offset makes each band exact at the solution.
-        let share = |k: usize| (0..bands).map(|b| (row.legs[k].log_geometry + said[k][b] - sums[b]).exp()).sum::<f64>() / bands as f64;
+        let share = |k: usize| {
+            (0..bands).map(|b| (row.legs[k].log_geometry + said[k][b] - sums[b]).exp()).sum::<f64>()
+                / bands as f64
+        };
         let shares: Vec<f64> = (0..row.legs.len()).map(share).collect();
         let before = row.geometry;
         row.length_m = row.seafloor_to_camera_m;
@@ -112,7 +131,11 @@ impl Problem<'_> {
             for track in self.tracks() {
                 for b in 0..self.setting.bands {
                     let total: f64 = track.clone().map(|i| self.weights[i][b]).sum();
-                    let reflectance = track.clone().map(|i| self.weights[i][b] * (self.rows[i].y[b] - said[i][b])).sum::<f64>() / total.max(1e-12);
+                    let reflectance = track
+                        .clone()
+                        .map(|i| self.weights[i][b] * (self.rows[i].y[b] - said[i][b]))
+                        .sum::<f64>()
+                        / total.max(1e-12);
                     for i in track.clone() {
                         direct[i][b] = reflectance + said[i][b] - by_glow(&self.rows[i], b);
                     }
@@ -122,23 +145,28 @@ impl Problem<'_> {
         };
         for b in 0..self.setting.bands {
             if let Some(i) = self.columns.glow(b) {
-                let (step, now) = (std::mem::take(&mut values[i]), &mut self.back.strength_per_m[b]);
+                let (step, now) =
+                    (std::mem::take(&mut values[i]), &mut self.back.strength_per_m[b]);
                 let wanted = *now + if self.held[b] { step * HOLDING } else { step };
                 *now = wanted.clamp(0.0, self.most_scattered[b]);
                 // At a bound its column is held, or it would go on taking part of α with it.
                 self.held[b] = *now != wanted;
             }
         }
-        let step = std::array::from_fn(|k| self.columns.shape(k).map_or(0.0, |i| std::mem::take(&mut values[i])));
+        let step = std::array::from_fn(|k| {
+            self.columns.shape(k).map_or(0.0, |i| std::mem::take(&mut values[i]))
+        });
         self.back.reshape(step);
         for (row, log_direct) in self.rows.iter_mut().zip(direct) {
             let scattered = self.back.light(&row.glow);
             for b in 0..self.setting.bands {
-                let direct = (log_direct[b] + row.geometry[b]).exp().max(LEAST_DIRECT_SHARE * scattered[b]);
+                let direct =
+                    (log_direct[b] + row.geometry[b]).exp().max(LEAST_DIRECT_SHARE * scattered[b]);
                 let all = direct + scattered[b];
                 row.direct_share[b] = direct / all;
                 row.per_direct[b] = 1.0 / direct;
-                row.y[b] = direct.ln() - row.geometry[b] + (f64::from(row.log_color[b]) - all.ln()) / row.direct_share[b];
+                row.y[b] = direct.ln() - row.geometry[b]
+                    + (f64::from(row.log_color[b]) - all.ln()) / row.direct_share[b];
             }
         }
         values
@@ -146,9 +174,16 @@ impl Problem<'_> {
 
     /// What the unknowns say of a row, by band.
     fn modelled(&self, row: &Row, values: &DVector<f64>) -> [f64; 3] {
-        let sum = |entries: &[(usize, f64)]| entries.iter().map(|(p, x)| x * values[*p]).sum::<f64>();
+        let sum =
+            |entries: &[(usize, f64)]| entries.iter().map(|(p, x)| x * values[*p]).sum::<f64>();
         let (beam, bands) = (sum(&self.columns.of_beam(row)), self.setting.bands);
-        std::array::from_fn(|b| if b < bands { beam + sum(&self.columns.of_band(&self.setting, &self.back, row, b)) } else { 0.0 })
+        std::array::from_fn(|b| {
+            if b < bands {
+                beam + sum(&self.columns.of_band(&self.setting, &self.back, row, b))
+            } else {
+                0.0
+            }
+        })
     }
 
     /// y of a row less that.
@@ -157,8 +192,8 @@ impl Problem<'_> {
         std::array::from_fn(|b| row.y[b] - said[b])
     }
 
-    /// Second differences of neighbouring nodes of the beam, first differences of those in time, and a ridge for the
-    /// one free constant.
+    /// Second differences of neighbouring nodes of the beam, first differences of those in time,
+    /// and a ridge for the one free constant.
     pub fn smoothness(&self) -> DMatrix<f64> {
         let unknowns = self.columns.count();
         let weight = self.setting.config.beam_smoothness;
@@ -174,7 +209,9 @@ impl Problem<'_> {
         for i in 0..n {
             for j in 0..n {
                 for (step, inside) in [(1, j + 2 < n), (n, i + 2 < n)] {
-                    let node = |k: usize| if inside { self.columns.beam_node(i * n + j + k * step) } else { None };
+                    let node = |k: usize| {
+                        if inside { self.columns.beam_node(i * n + j + k * step) } else { None }
+                    };
                     if let (Some(a), Some(b), Some(c)) = (node(0), node(1), node(2)) {
                         hold(&[(a, 1.0), (b, -2.0), (c, 1.0)], weight);
                     }
@@ -187,9 +224,11 @@ impl Problem<'_> {
         if let Some(drift) = self.setting.drift {
             for b in 0..self.setting.bands {
                 let node = |k: usize| self.columns.attenuation(b, k);
-                (0..drift.joined.len()).for_each(|k| hold(&[(node(k), 1.0), (node(k + 1), -1.0)], TIME_STEPS));
+                (0..drift.joined.len())
+                    .for_each(|k| hold(&[(node(k), 1.0), (node(k + 1), -1.0)], TIME_STEPS));
                 // Across a gap the water may be another.
-                for k in (1..drift.joined.len()).filter(|k| drift.joined[k - 1] && drift.joined[*k]) {
+                for k in (1..drift.joined.len()).filter(|k| drift.joined[k - 1] && drift.joined[*k])
+                {
                     hold(&[(node(k - 1), 1.0), (node(k), -2.0), (node(k + 1), 1.0)], TIME_BENDS);
                 }
             }
@@ -209,7 +248,9 @@ impl Problem<'_> {
             sums.matrix += part.matrix;
             sums.right += part.right;
         }
-        for i in (0..self.setting.bands).filter(|b| self.held[*b]).filter_map(|b| self.columns.glow(b)) {
+        for i in
+            (0..self.setting.bands).filter(|b| self.held[*b]).filter_map(|b| self.columns.glow(b))
+        {
             sums.matrix[(i, i)] += sums.matrix[(i, i)] * HOLDING;
         }
         (sums.matrix, sums.right)
@@ -217,13 +258,17 @@ impl Problem<'_> {
 
     /// y − ρ − model per observation and band, in log c, raised for the freedom that ρ took.
     pub fn misfits(&self, values: &DVector<f64>) -> Vec<[f64; 3]> {
-        self.in_parts(|tracks| tracks.iter().flat_map(|track| self.misfits_of(track, values)).collect::<Vec<_>>()).concat()
+        self.in_parts(|tracks| {
+            tracks.iter().flat_map(|track| self.misfits_of(track, values)).collect::<Vec<_>>()
+        })
+        .concat()
     }
 
     fn misfits_of(&self, track: &Range<usize>, values: &DVector<f64>) -> Vec<[f64; 3]> {
         let (rows, weights) = (&self.rows[track.clone()], &self.weights[track.clone()]);
         let freedom = freedom(track);
-        let mut misfits: Vec<[f64; 3]> = rows.iter().map(|row| self.beyond_model(row, values)).collect();
+        let mut misfits: Vec<[f64; 3]> =
+            rows.iter().map(|row| self.beyond_model(row, values)).collect();
         for b in 0..self.setting.bands {
             let (mut total, mut mean) = (0.0, 0.0);
             for (misfit, weight) in misfits.iter().zip(weights) {
@@ -237,14 +282,16 @@ impl Problem<'_> {
         misfits
     }
 
-    /// Work on all tracks, in a few parts, on as many cores; the parts do not depend on the cores, so neither do sums over them.
+    /// Work on all tracks, in a few parts, on as many cores; the parts do not depend on the cores,
+    /// so neither do sums over them.
     fn in_parts<R: Send>(&self, work: impl Fn(&[Range<usize>]) -> R + Sync) -> Vec<R> {
         let tracks: Vec<Range<usize>> = self.tracks().collect();
         each(tracks.chunks(tracks.len().div_ceil(PARTS).max(1)).collect(), work)
     }
 }
 
-/// A normal matrix, of which the lower triangle is filled, and its right-hand side, as tracks are added.
+/// A normal matrix, of which the lower triangle is filled, and its right-hand side, as tracks are
+/// added.
 pub struct Normal {
     pub matrix: DMatrix<f64>,
     pub right: DVector<f64>,
@@ -258,7 +305,12 @@ impl Normal {
     /// Nothing but `matrix`.
     pub fn new(matrix: DMatrix<f64>) -> Self {
         let unknowns = matrix.nrows();
-        Self { matrix, right: DVector::zeros(unknowns), sums: Vec::new(), slots: vec![usize::MAX; unknowns] }
+        Self {
+            matrix,
+            right: DVector::zeros(unknowns),
+            sums: Vec::new(),
+            slots: vec![usize::MAX; unknowns],
+        }
     }
 
     /// Adds one track with its reflectance eliminated.
@@ -266,18 +318,21 @@ impl Normal {
         let bands = problem.setting.bands;
         let (mut total, mut total_y) = ([0.0; 3], [0.0; 3]);
         for (row, weight) in problem.rows[track.clone()].iter().zip(&problem.weights[track]) {
-            let (beam, of_all) = (problem.columns.of_beam(row), weight[..bands].iter().sum::<f64>());
+            let (beam, of_all) =
+                (problem.columns.of_beam(row), weight[..bands].iter().sum::<f64>());
             for (k, (p, x)) in beam.iter().enumerate() {
                 self.right[*p] += x * (0..bands).map(|b| weight[b] * row.y[b]).sum::<f64>();
                 for (j, (q, z)) in beam[..=k].iter().enumerate() {
-                    // Two lamps that shine on a point from alike share nodes of the beam: such a pair counts both ways.
+                    // Two lamps that shine on a point from alike share nodes of the beam: such a
+                    // pair counts both ways.
                     let times = if j < k && p == q { 2.0 } else { 1.0 };
                     self.matrix[(*p.max(q), *p.min(q))] += times * of_all * x * z;
                 }
                 self.sum(*p, |b| if b < bands { weight[b] * x } else { 0.0 });
             }
             for b in 0..bands {
-                let (w, own) = (weight[b], problem.columns.of_band(&problem.setting, &problem.back, row, b));
+                let (w, own) =
+                    (weight[b], problem.columns.of_band(&problem.setting, &problem.back, row, b));
                 for (k, (p, x)) in own.iter().enumerate() {
                     self.right[*p] += w * x * row.y[b];
                     for (q, z) in beam.iter().chain(&own[..=k]) {
@@ -325,8 +380,9 @@ pub fn freedom(track: &Range<usize>) -> f64 {
 fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]>, f64) {
     let all: Vec<f64> = misfits.iter().flat_map(|m| m[..bands].iter().copied()).collect();
     let residual = robust::scale(&all);
-    // (expected log c, misfit), darkest first. Expected, not observed: sorted by its own noise, dim light that happens to be
-    // brighter would weigh more, and α come out too small (by 0.0001 per metre in the red of rendered dives).
+    // (expected log c, misfit), darkest first. Expected, not observed: sorted by its own noise, dim
+    // light that happens to be brighter would weigh more, and α come out too small (by 0.0001 per
+    // metre in the red of rendered dives).
     let mut scales = vec![[residual; 3]; rows.len()];
     for b in 0..bands {
         let expected = |i: usize| f64::from(rows[i].log_color[b]) - misfits[i][b];
@@ -340,9 +396,16 @@ fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]
     }
     let of_row = |((row, misfit), scale): ((&Row, &[f64; 3]), &[f64; 3])| {
         // A false match is false in all bands: the robust factor is shared.
-        let common = ((0..bands).map(|b| (misfit[b] / scale[b]).powi(2)).sum::<f64>() / bands as f64).sqrt();
+        let common =
+            ((0..bands).map(|b| (misfit[b] / scale[b]).powi(2)).sum::<f64>() / bands as f64).sqrt();
         let trust = robust::cauchy(common, 1.0);
-        std::array::from_fn(|b| if b < bands { trust * (residual / scale[b] * row.direct_share[b]).powi(2) } else { 0.0 })
+        std::array::from_fn(|b| {
+            if b < bands {
+                trust * (residual / scale[b] * row.direct_share[b]).powi(2)
+            } else {
+                0.0
+            }
+        })
     };
     (rows.iter().zip(misfits).zip(&scales).map(of_row).collect(), residual)
 }

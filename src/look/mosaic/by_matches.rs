@@ -1,7 +1,9 @@
-//! Where frames lie beside each other by the points they share, for logs that tell no way over the ground.
+//! Where frames lie beside each other by the points they share, for logs that tell no way over the
+//! ground.
 //!
-//! Ranges give every point its place on the floor in metres, so two frames differ by a turn about the vertical and a shift:
-//! least squares over the shared points, far ones left out. Neighbours are chained; errors add up along the chain.
+//! Ranges give every point its place on the floor in metres, so two frames differ by a turn about
+//! the vertical and a shift: least squares over the shared points, far ones left out. Neighbours
+//! are chained; errors add up along the chain.
 
 use std::collections::BTreeSet;
 
@@ -43,12 +45,19 @@ impl Rigid {
     const NONE: Self = Self { cos: 1.0, sin: 0.0, shift: [0.0; 2] };
 
     fn of(&self, p: [f64; 2]) -> [f64; 2] {
-        [self.cos * p[0] - self.sin * p[1] + self.shift[0], self.sin * p[0] + self.cos * p[1] + self.shift[1]]
+        [
+            self.cos * p[0] - self.sin * p[1] + self.shift[0],
+            self.sin * p[0] + self.cos * p[1] + self.shift[1],
+        ]
     }
 
     fn after(&self, first: &Self) -> Self {
         let shift = self.of(first.shift);
-        Self { cos: self.cos * first.cos - self.sin * first.sin, sin: self.sin * first.cos + self.cos * first.sin, shift }
+        Self {
+            cos: self.cos * first.cos - self.sin * first.sin,
+            sin: self.sin * first.cos + self.cos * first.sin,
+            shift,
+        }
     }
 
     /// The turn [rad].
@@ -98,7 +107,8 @@ impl Rigid {
     }
 }
 
-/// world_from_body of frames at these log times, by stretch; a frame that shows nothing known begins a new one.
+/// world_from_body of frames at these log times, by stretch; a frame that shows nothing known
+/// begins a new one.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -106,24 +116,35 @@ pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<Stretched>> {
     let wanted: BTreeSet<u64> = times.iter().copied().collect();
     let frames = &bench.log.survey.frames;
     let is_wanted = |logged: i64| u64::try_from(logged).is_ok_and(|t| wanted.contains(&t));
-    let chosen: BTreeSet<usize> = frames.iter().enumerate().filter(|(_, f)| is_wanted(f.logged.0)).map(|(i, _)| i).collect();
+    let chosen: BTreeSet<usize> =
+        frames.iter().enumerate().filter(|(_, f)| is_wanted(f.logged.0)).map(|(i, _)| i).collect();
     let mut found: Vec<Frame> = Vec::new();
-    bench.each(&chosen, |frame| levelled(bench, bench.samples(&frame, true), frame.log_time), |frame| found.push(frame))?;
+    bench.each(
+        &chosen,
+        |frame| levelled(bench, bench.samples(&frame, true), frame.log_time),
+        |frame| found.push(frame),
+    )?;
     let matching = &bench.config.matching;
     let camera = &bench.log.survey.rig.camera;
-    let reduction = camera.width.max(camera.height).div_ceil(matching.detection_side_px).max(1) as f64;
+    let reduction =
+        camera.width.max(camera.height).div_ceil(matching.detection_side_px).max(1) as f64;
     let inlier = matching.inlier_px * reduction / camera.fx;
     let joined = |earlier: usize, later: usize| {
         let (a, b) = (&found[earlier], &found[later]);
         let seed = (earlier as u64) << 32 | later as u64;
         let pairs = matches(&matchable(b), &matchable(a), matching, inlier, seed);
-        let points: Vec<_> = pairs.iter().filter_map(|(i, j)| Some((*b.points.get(*i as usize)?, *a.points.get(*j as usize)?))).collect();
+        let points: Vec<_> = pairs
+            .iter()
+            .filter_map(|(i, j)| Some((*b.points.get(*i as usize)?, *a.points.get(*j as usize)?)))
+            .collect();
         Rigid::fitted(&points)
     };
     let mut placed: Vec<(u32, Rigid)> = Vec::new();
     let mut stretch = 0;
     for later in 0..found.len() {
-        let known = (later.saturating_sub(BACK)..later).rev().find_map(|earlier| Some((earlier, joined(earlier, later)?)));
+        let known = (later.saturating_sub(BACK)..later)
+            .rev()
+            .find_map(|earlier| Some((earlier, joined(earlier, later)?)));
         placed.push(match known {
             Some((earlier, turn)) => (placed[earlier].0, placed[earlier].1.after(&turn)),
             None => {
@@ -137,8 +158,12 @@ pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<Stretched>> {
         let shift = Translation3::new(rigid.shift[0], rigid.shift[1], 0.0);
         (*stretch, Isometry3::from_parts(shift, yaw * frame.level_from_body))
     };
-    let by_time: Vec<(u64, (u32, Isometry3<f64>))> = found.iter().zip(&placed).map(|both| (both.0.log_time, pose(both))).collect();
-    Ok(times.iter().map(|time| by_time.iter().find(|(t, _)| t == time).map(|(_, pose)| *pose)).collect())
+    let by_time: Vec<(u64, (u32, Isometry3<f64>))> =
+        found.iter().zip(&placed).map(|both| (both.0.log_time, pose(both))).collect();
+    Ok(times
+        .iter()
+        .map(|time| by_time.iter().find(|(t, _)| t == time).map(|(_, pose)| *pose))
+        .collect())
 }
 
 fn matchable(frame: &Frame) -> Matchable<'_> {
@@ -151,9 +176,16 @@ fn levelled(bench: &Bench, samples: FrameSamples, log_time: u64) -> Frame {
     // Rows of the turn: right made level, the third of a right-handed set, and up.
     let x = (right - down * right.dot(&down)).normalize();
     let up = -down;
-    let rows = nalgebra::Matrix3::from_rows(&[x.transpose(), up.cross(&x).transpose(), up.transpose()]);
-    let level_from_body = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
-    let points = samples.sights.iter().map(|s| level_from_body * s.sight.hit.vector()).map(|p| [p.x, p.y]).collect();
+    let rows =
+        nalgebra::Matrix3::from_rows(&[x.transpose(), up.cross(&x).transpose(), up.transpose()]);
+    let level_from_body =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
+    let points = samples
+        .sights
+        .iter()
+        .map(|s| level_from_body * s.sight.hit.vector())
+        .map(|p| [p.x, p.y])
+        .collect();
     Frame { samples, log_time, level_from_body, points }
 }
 
@@ -164,10 +196,20 @@ mod tests {
     #[test]
     fn a_turn_and_a_shift_are_found_among_strays() {
         let truth = Rigid { cos: 0.4f64.cos(), sin: 0.4f64.sin(), shift: [0.7, -1.3] };
-        let point = |i: usize| [(i * 37 % 101) as f64 / 50.0 - 1.0, (i * 53 % 97) as f64 / 48.0 - 1.0];
-        let pair = |i: usize| if i.is_multiple_of(5) { (point(i), point(i + 3)) } else { (point(i), truth.of(point(i))) };
+        let point =
+            |i: usize| [(i * 37 % 101) as f64 / 50.0 - 1.0, (i * 53 % 97) as f64 / 48.0 - 1.0];
+        let pair = |i: usize| {
+            if i.is_multiple_of(5) {
+                (point(i), point(i + 3))
+            } else {
+                (point(i), truth.of(point(i)))
+            }
+        };
         let found = Rigid::fitted(&(0..100).map(pair).collect::<Vec<_>>()).expect("many points");
-        assert!((found.cos - truth.cos).abs() < 1e-9 && (found.shift[1] + 1.3).abs() < 1e-9, "{found:?}");
+        assert!(
+            (found.cos - truth.cos).abs() < 1e-9 && (found.shift[1] + 1.3).abs() < 1e-9,
+            "{found:?}"
+        );
         // One after the other is the same as both at once.
         let both = truth.after(&found).of([0.3, 0.2]);
         let twice = truth.of(truth.of([0.3, 0.2]));

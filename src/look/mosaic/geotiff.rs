@@ -1,6 +1,8 @@
-//! The corrected strip as a GeoTIFF: 8-bit RGBA, north up, in WGS 84 (EPSG:4326), without compression.
+//! The corrected strip as a GeoTIFF: 8-bit RGBA, north up, in WGS 84 (EPSG:4326), without
+//! compression.
 //!
-//! A mosaic is some tens of metres wide: on that scale degrees are even, and no map projection is needed.
+//! A mosaic is some tens of metres wide: on that scale degrees are even, and no map projection is
+//! needed.
 
 use super::{Laid, Mosaic};
 use crate::error::{Error, Result};
@@ -28,7 +30,11 @@ const LEAST_WAY: f64 = 5.0;
 /// The position by the fixes of the log: a shift, and a turn where the world's axes are nobody's.
 pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<Position> {
     let none = || {
-        Error::Picture("the log has no position (sensor_msgs/NavSatFix or the like) near these frames, so the mosaic has no place on Earth; give a name that ends in .png".into())
+        Error::Picture(
+            "the log has no position (sensor_msgs/NavSatFix or the like) near these frames, so \
+             the mosaic has no place on Earth; give a name that ends in .png"
+                .into(),
+        )
     };
     let (topic, fixes) = places.best_fixes().ok_or_else(none)?;
     let origin = *fixes.first().ok_or_else(none)?;
@@ -46,9 +52,12 @@ pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<
         turn_rad = rigid.map_or(0.0, |r| r.turn_rad());
         let misfit = misfit(&pairs, turn_rad);
         let (first, last) = (pairs[0].1, pairs[pairs.len() - 1].1);
-        if rigid.is_none() || (last[0] - first[0]).hypot(last[1] - first[1]) < LEAST_WAY * misfit.1 {
+        if rigid.is_none() || (last[0] - first[0]).hypot(last[1] - first[1]) < LEAST_WAY * misfit.1
+        {
             return Err(Error::Picture(
-                "the log has no heading, and its positions are too close together to tell one; give a name that ends in .png".into(),
+                "the log has no heading, and its positions are too close together to tell one; \
+                 give a name that ends in .png"
+                    .into(),
             ));
         }
     }
@@ -59,13 +68,18 @@ pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<
 /// The median shift from turned places to fixes, and the root mean square of what is left.
 fn misfit(pairs: &[Pair], turn_rad: f64) -> ([f64; 2], f64) {
     let (sin, cos) = turn_rad.sin_cos();
-    let off: Vec<[f64; 2]> = pairs.iter().map(|(p, q)| [q[0] - (cos * p[0] - sin * p[1]), q[1] - (sin * p[0] + cos * p[1])]).collect();
+    let off: Vec<[f64; 2]> = pairs
+        .iter()
+        .map(|(p, q)| [q[0] - (cos * p[0] - sin * p[1]), q[1] - (sin * p[0] + cos * p[1])])
+        .collect();
     let shift = [0, 1].map(|k| {
         let mut values: Vec<f64> = off.iter().map(|o| o[k]).collect();
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     });
-    let square = off.iter().map(|o| (o[0] - shift[0]).powi(2) + (o[1] - shift[1]).powi(2)).sum::<f64>() / off.len() as f64;
+    let square =
+        off.iter().map(|o| (o[0] - shift[0]).powi(2) + (o[1] - shift[1]).powi(2)).sum::<f64>()
+            / off.len() as f64;
     (shift, square.sqrt())
 }
 
@@ -106,7 +120,10 @@ pub fn file(mosaic: &Mosaic, position: &Position) -> Vec<u8> {
     let scale = [1.0 / (M_PER_DEG * position.origin.latitude.to_radians().cos()), 1.0 / M_PER_DEG];
     let west = position.origin.longitude + (grid.corner[0] + position.shift[0]) * scale[0];
     let north = position.origin.latitude + (grid.corner[1] + position.shift[1]) * scale[1];
-    let says = format!("{}; placed by {}, {:.2} m rms from its fixes", mosaic.source, position.topic, position.misfit_m);
+    let says = format!(
+        "{}; placed by {}, {:.2} m rms from its fixes",
+        mosaic.source, position.topic, position.misfit_m
+    );
     let (width, height) = (grid.width as u32, grid.height as u32);
     // Tags in rising order. GeoKeys: geographic, pixel is area, WGS 84.
     let geo_keys = vec![1, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326];

@@ -1,5 +1,5 @@
-//! The mosaic as a poster: raw and corrected side by side, a metre to measure by, and under each how light runs across the
-//! track: what blending would have hidden (paper, Fig. 11).
+//! The mosaic as a poster: raw and corrected side by side, a metre to measure by, and under each
+//! how light runs across the track: what blending would have hidden (paper, Fig. 11).
 
 use super::{Mosaic, Strip};
 use crate::draw::{Canvas, ticks};
@@ -40,8 +40,14 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
         .flat_map(|w| Canvas::wrapped(&w, 2, (width - 2 * MARGIN) as usize))
         .collect();
     let head = HEAD.max(MARGIN + 40 + 22 * words.len() as i64 + 46);
-    let mut canvas = Canvas::new(width as usize, (head + grid.height as i64 + FOOT) as usize, PAPER);
-    canvas.text((MARGIN, MARGIN), 3, INK, &Canvas::cut(&mosaic.source, 3, (width - 2 * MARGIN) as usize));
+    let mut canvas =
+        Canvas::new(width as usize, (head + grid.height as i64 + FOOT) as usize, PAPER);
+    canvas.text(
+        (MARGIN, MARGIN),
+        3,
+        INK,
+        &Canvas::cut(&mosaic.source, 3, (width - 2 * MARGIN) as usize),
+    );
     for (i, line) in words.iter().enumerate() {
         canvas.text((MARGIN, MARGIN + 36 + 22 * i as i64), 2, SOFT, line);
     }
@@ -50,7 +56,11 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
         canvas.text((left, head - 28), 2, INK, name);
         let bands = strip.image.bands;
         for (at, pixel) in pixels.chunks_exact(bands).enumerate() {
-            let color = if strip.from[at] == 0 { EMPTY } else { std::array::from_fn(|b| pixel[b.min(bands - 1)]) };
+            let color = if strip.from[at] == 0 {
+                EMPTY
+            } else {
+                std::array::from_fn(|b| pixel[b.min(bands - 1)])
+            };
             canvas.set(left + (at % grid.width) as i64, head + (at / grid.width) as i64, color);
         }
         profile(&mut canvas, mosaic, strip, (left, head + grid.height as i64 + 22));
@@ -60,9 +70,13 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
 }
 
 fn title(mosaic: &Mosaic) -> String {
-    let size = (mosaic.grid.width as f64 * mosaic.grid.m_per_px, mosaic.grid.height as f64 * mosaic.grid.m_per_px);
+    let size = (
+        mosaic.grid.width as f64 * mosaic.grid.m_per_px,
+        mosaic.grid.height as f64 * mosaic.grid.m_per_px,
+    );
     format!(
-        "{} frames over {:.1} x {:.1} m, {:.1} mm a pixel, unblended: a later frame covers an earlier one",
+        "{} frames over {:.1} x {:.1} m, {:.1} mm a pixel, unblended: a later frame covers an \
+         earlier one",
         mosaic.frames.len(),
         size.0,
         size.1,
@@ -73,12 +87,19 @@ fn title(mosaic: &Mosaic) -> String {
 /// Mean light of every column over the strip's own mean, per band; NaN where too few pixels lie.
 pub fn across(strip: &Strip) -> Vec<Vec<f64>> {
     let (width, height, bands) = (strip.image.width, strip.image.height, strip.image.bands);
-    let counts: Vec<usize> = (0..width).map(|x| (0..height).filter(|y| strip.from[y * width + x] > 0).count()).collect();
+    let counts: Vec<usize> =
+        (0..width).map(|x| (0..height).filter(|y| strip.from[y * width + x] > 0).count()).collect();
     let most = counts.iter().copied().max().unwrap_or(0);
     let is_known = |x: usize| counts[x] as f64 >= (LEAST_SHARE * most as f64).max(1.0);
     let of_band = |b: usize| {
         // Black where no frame lies adds nothing.
-        let sums: Vec<f64> = (0..width).map(|x| (0..height).map(|y| f64::from(strip.image.pixels[(y * width + x) * bands + b])).sum()).collect();
+        let sums: Vec<f64> = (0..width)
+            .map(|x| {
+                (0..height)
+                    .map(|y| f64::from(strip.image.pixels[(y * width + x) * bands + b]))
+                    .sum()
+            })
+            .collect();
         let mean = sums.iter().sum::<f64>() / counts.iter().sum::<usize>().max(1) as f64;
         let reach = ((width as f64 * SMOOTH) as usize).max(1);
         let smooth = |x: usize| {
@@ -105,30 +126,56 @@ fn profile(canvas: &mut Canvas, mosaic: &Mosaic, strip: &Strip, (left, top): (i6
     let row = |v: f64| top + PROFILE - ((v - from) / (to - from) * PROFILE as f64) as i64;
     for (value, word) in ticks(from, to, 4) {
         canvas.fill((left, row(value)), (width, 1), if value == 1.0 { SOFT } else { EMPTY });
-        canvas.text((left - 8 - Canvas::text_width(&word, 1) as i64, row(value) - 4), 1, INK, &word);
+        canvas.text(
+            (left - 8 - Canvas::text_width(&word, 1) as i64, row(value) - 4),
+            1,
+            INK,
+            &word,
+        );
     }
     let metres = grid.width as f64 * grid.m_per_px;
     for (value, word) in ticks(0.0, metres, ((width / 130) as usize).max(2)) {
         let x = left + (value / grid.m_per_px) as i64;
         canvas.fill((x, top + PROFILE), (1, 6), SOFT);
-        canvas.text((x - Canvas::text_width(&word, 2) as i64 / 2, top + PROFILE + 10), 2, INK, &word);
+        canvas.text(
+            (x - Canvas::text_width(&word, 2) as i64 / 2, top + PROFILE + 10),
+            2,
+            INK,
+            &word,
+        );
     }
     for (b, values) in profiles.iter().enumerate() {
         let color = if profiles.len() == 1 { INK } else { BANDS[b] };
-        for (x, pair) in values.windows(2).enumerate().filter(|(_, p)| p.iter().all(|v| v.is_finite())) {
-            let at = |k: usize, v: f64| ((left + (x + k) as i64) as f64, row(v.clamp(from, to)) as f64);
+        for (x, pair) in
+            values.windows(2).enumerate().filter(|(_, p)| p.iter().all(|v| v.is_finite()))
+        {
+            let at =
+                |k: usize, v: f64| ((left + (x + k) as i64) as f64, row(v.clamp(from, to)) as f64);
             canvas.line(at(0, pair[0]), at(1, pair[1]), color);
             let ((x0, y0), (x1, y1)) = (at(0, pair[0]), at(1, pair[1]));
             canvas.line((x0, y0 + 1.0), (x1, y1 + 1.0), color);
         }
     }
-    canvas.text((left, top + PROFILE + 36), 2, SOFT, "across the track [m]; up: light over its mean");
-    canvas.text((left, top + PROFILE + 58), 2, INK, &format!("uneven by {:.1} % (rms)", unevenness(&profiles)));
+    canvas.text(
+        (left, top + PROFILE + 36),
+        2,
+        SOFT,
+        "across the track [m]; up: light over its mean",
+    );
+    canvas.text(
+        (left, top + PROFILE + 58),
+        2,
+        INK,
+        &format!("uneven by {:.1} % (rms)", unevenness(&profiles)),
+    );
 }
 
 /// A round length to measure by.
 fn metre(canvas: &mut Canvas, m_per_px: f64, (x, y): (i64, i64)) {
-    let length = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0].into_iter().rfind(|l| l / m_per_px < 320.0).unwrap_or(0.1);
+    let length = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0]
+        .into_iter()
+        .rfind(|l| l / m_per_px < 320.0)
+        .unwrap_or(0.1);
     let pixels = (length / m_per_px) as i64;
     canvas.fill((x, y), (pixels, 5), INK);
     canvas.text((x + pixels + 10, y - 6), 2, INK, &format!("{length} m"));

@@ -14,18 +14,36 @@ use crate::recording::Window;
 /// Quality of a shown JPEG.
 const QUALITY: u8 = 84;
 
-pub fn figure(log: &CorrectedLog, camera: &CameraLog, shown: &BTreeSet<u64>, seen: &[Seen], no_raw: &str, place: &str) -> Figure {
-    let raw: BTreeMap<u64, &LinearImage> = seen.iter().filter_map(|s| Some((s.log_time, s.raw.as_ref()?))).collect();
+pub fn figure(
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    shown: &BTreeSet<u64>,
+    seen: &[Seen],
+    no_raw: &str,
+    place: &str,
+) -> Figure {
+    let raw: BTreeMap<u64, &LinearImage> =
+        seen.iter().filter_map(|s| Some((s.log_time, s.raw.as_ref()?))).collect();
     let brighter = exposure(raw.values().copied());
     let corrected = corrected_pictures(log, camera, shown);
     let mut frames = Vec::new();
     for record in camera.frames.iter().filter(|f| shown.contains(&f.log_time)) {
         let Some(after) = corrected.get(&record.log_time) else { continue };
-        let uri = |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.width, i.height, i.bands, QUALITY);
+        let uri =
+            |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.width, i.height, i.bands, QUALITY);
         let Ok(after_uri) = uri(&codes_as_shown(after), after) else { continue };
         let before_uri = raw.get(&record.log_time).and_then(|i| uri(&codes(i, brighter), i).ok());
-        let title = format!("{:.2} m above the floor, {}", record.altitude_m, super::facts::time_of(record.stamp));
-        frames.push(frame_html(&title, before_uri.as_deref(), &after_uri, (after.width, after.height)));
+        let title = format!(
+            "{:.2} m above the floor, {}",
+            record.altitude_m,
+            super::facts::time_of(record.stamp)
+        );
+        frames.push(frame_html(
+            &title,
+            before_uri.as_deref(),
+            &after_uri,
+            (after.width, after.height),
+        ));
     }
     let count = frames.len();
     let body = if count == 0 {
@@ -37,32 +55,44 @@ pub fn figure(log: &CorrectedLog, camera: &CameraLog, shown: &BTreeSet<u64>, see
         format!("Corrected frames alone: {}.", escaped(no_raw))
     } else {
         format!(
-            "Left of the line as recorded, right of it corrected. All raw frames are brightened by one factor, {brighter:.1}; corrected ones are as they are in the log."
+            "Left of the line as recorded, right of it corrected. All raw frames are brightened \
+             by one factor, {brighter:.1}; corrected ones are as they are in the log."
         )
     };
     Figure::of("before-after", "Before and after", body, &caption)
 }
 
-fn frame_html(title: &str, before: Option<&str>, after: &str, (width, height): (usize, usize)) -> String {
+fn frame_html(
+    title: &str,
+    before: Option<&str>,
+    after: &str,
+    (width, height): (usize, usize),
+) -> String {
     let title = escaped(title);
     let size = format!("width=\"{width}\" height=\"{height}\"");
-    let before = before.map_or_else(String::new, |uri| format!("<img class=\"before\" {size} alt=\"as recorded, {title}\" src=\"{uri}\">"));
+    let before = before.map_or_else(String::new, |uri| {
+        format!("<img class=\"before\" {size} alt=\"as recorded, {title}\" src=\"{uri}\">")
+    });
     format!(
-        "<div class=\"frame\"><div class=\"wipe\"><img class=\"after\" {size} alt=\"corrected, {title}\" src=\"{after}\">{before}<i></i></div><p class=\"which\">{title}</p></div>\n"
+        "<div class=\"frame\"><div class=\"wipe\"><img class=\"after\" {size} alt=\"corrected, \
+         {title}\" src=\"{after}\">{before}<i></i></div><p class=\"which\">{title}</p></div>\n"
     )
 }
 
 fn slider(frames: &str, count: usize, place: &str, has_before: bool) -> String {
     let which = if count > 1 {
         format!(
-            "<label>Frame <input type=\"range\" class=\"which-frame\" id=\"{place}which\" min=\"1\" max=\"{count}\" value=\"1\" step=\"1\"></label>"
+            "<label>Frame <input type=\"range\" class=\"which-frame\" id=\"{place}which\" \
+             min=\"1\" max=\"{count}\" value=\"1\" step=\"1\"></label>"
         )
     } else {
         String::new()
     };
     let wipe = if has_before {
         format!(
-            "<label>Line <input type=\"range\" class=\"wipe-at\" id=\"{place}wipe\" min=\"0\" max=\"100\" value=\"50\" step=\"1\" aria-label=\"line between raw, on its left, and corrected, on its right, in per cent of the width\"></label>"
+            "<label>Line <input type=\"range\" class=\"wipe-at\" id=\"{place}wipe\" min=\"0\" \
+             max=\"100\" value=\"50\" step=\"1\" aria-label=\"line between raw, on its left, and \
+             corrected, on its right, in per cent of the width\"></label>"
         )
     } else {
         String::new()
@@ -71,18 +101,32 @@ fn slider(frames: &str, count: usize, place: &str, has_before: bool) -> String {
 }
 
 /// The corrected pictures of some frames, as the log has them.
-fn corrected_pictures(log: &CorrectedLog, camera: &CameraLog, shown: &BTreeSet<u64>) -> BTreeMap<u64, LinearImage> {
+fn corrected_pictures(
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    shown: &BTreeSet<u64>,
+) -> BTreeMap<u64, LinearImage> {
     let topic = camera.fact("corrected_topic");
     let mut found = BTreeMap::new();
     let (Some(first), Some(last)) = (shown.first(), shown.last()) else { return found };
     let window = Window { start: *first, end: last.saturating_add(1) };
-    let wanted: BTreeSet<u16> = log.recording.channels.iter().filter(|(_, c)| c.topic == topic).map(|(id, _)| *id).collect();
+    let wanted: BTreeSet<u16> = log
+        .recording
+        .channels
+        .iter()
+        .filter(|(_, c)| c.topic == topic)
+        .map(|(id, _)| *id)
+        .collect();
     for message in messages_of(&log.recording, &wanted, window) {
         if !shown.contains(&message.log_time) {
             continue;
         }
         let Some(decoder) = log.scan.decoders.get(&message.channel) else { continue };
-        let (Ok(value), Kind::Picture(read)) = (decoder.read(message.data()), decoder.message_type.kind) else { continue };
+        let (Ok(value), Kind::Picture(read)) =
+            (decoder.read(message.data()), decoder.message_type.kind)
+        else {
+            continue;
+        };
         if let Ok(picture) = read(&value).and_then(|p| decode(&p, Light::default())) {
             found.insert(message.log_time, reduced(&picture.image.into_bands(), SHOWN_SIDE));
         }

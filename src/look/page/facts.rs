@@ -1,4 +1,5 @@
-//! The page's words and tables: what was in the log, what was done, how sure it is, what went wrong and what helps.
+//! The page's words and tables: what was in the log, what was done, how sure it is, what went wrong
+//! and what helps.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -31,7 +32,8 @@ pub fn section(log: &CorrectedLog, camera: &CameraLog, number: usize, place: &st
     let source = escaped(camera.fact("source"));
     let heading = if number == 0 {
         format!(
-            "<header><h1>{source}</h1><p class=\"sub\">What <b>unwater</b> {} did to this dive</p>{}</header>",
+            "<header><h1>{source}</h1><p class=\"sub\">What <b>unwater</b> {} did to this \
+             dive</p>{}</header>",
             escaped(camera.fact("version")),
             contents(log)
         )
@@ -40,12 +42,21 @@ pub fn section(log: &CorrectedLog, camera: &CameraLog, number: usize, place: &st
     };
     let several = log.cameras.len() > 1;
     let name = if several {
-        format!("<h2 class=\"camera\" id=\"camera-{number}\">Camera {}</h2>", escaped(camera.fact("camera_topic")))
+        format!(
+            "<h2 class=\"camera\" id=\"camera-{number}\">Camera {}</h2>",
+            escaped(camera.fact("camera_topic"))
+        )
     } else {
         String::new()
     };
     let left_out = list("Cameras that were left as they are", &camera.report.cameras_left_out);
-    format!("{heading}{name}{}{}{}{}{left_out}", overview(log, camera), attenuation(&camera.model, place), warnings(camera), uncorrected(camera))
+    format!(
+        "{heading}{name}{}{}{}{}{left_out}",
+        overview(log, camera),
+        attenuation(&camera.model, place),
+        warnings(camera),
+        uncorrected(camera)
+    )
 }
 
 /// Links to the cameras, where there are several.
@@ -53,8 +64,16 @@ fn contents(log: &CorrectedLog) -> String {
     if log.cameras.len() < 2 {
         return String::new();
     }
-    let link = |(number, camera): (usize, &CameraLog)| format!("<li><a href=\"#camera-{number}\">{}</a></li>", escaped(camera.fact("camera_topic")));
-    format!("<nav aria-label=\"Cameras\"><ul>{}</ul></nav>", log.cameras.iter().enumerate().map(link).collect::<String>())
+    let link = |(number, camera): (usize, &CameraLog)| {
+        format!(
+            "<li><a href=\"#camera-{number}\">{}</a></li>",
+            escaped(camera.fact("camera_topic"))
+        )
+    };
+    format!(
+        "<nav aria-label=\"Cameras\"><ul>{}</ul></nav>",
+        log.cameras.iter().enumerate().map(link).collect::<String>()
+    )
 }
 
 fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
@@ -62,7 +81,15 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     let mut rows: Vec<(&str, String)> = Vec::new();
     rows.push(("frames", format!("{} of {} corrected", report.corrected, report.frames)));
     if let (Some(first), Some(last)) = (camera.frames.first(), camera.frames.last()) {
-        rows.push(("when", format!("{} to {} ({:.0} s)", time_of(first.stamp), time_of(last.stamp), last.stamp.seconds_since(first.stamp))));
+        rows.push((
+            "when",
+            format!(
+                "{} to {} ({:.0} s)",
+                time_of(first.stamp),
+                time_of(last.stamp),
+                last.stamp.seconds_since(first.stamp)
+            ),
+        ));
     }
     if let Some([low, high]) = report.camera_altitude_m {
         rows.push(("camera above the floor", format!("{low:.2} to {high:.2} m")));
@@ -70,28 +97,45 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     rows.push(("camera", camera.fact("camera_topic").into()));
     rows.push(("corrected pictures", camera.fact("corrected_topic").into()));
     rows.push(("ranges", camera.fact("dvl_topic").into()));
-    let planes: Vec<String> = report.planes.iter().map(|(support, frames)| format!("{frames} {support}")).collect();
+    let planes: Vec<String> =
+        report.planes.iter().map(|(support, frames)| format!("{frames} {support}")).collect();
     rows.push(("planes of the floor", planes.join(", ")));
     rows.push(("method", camera.fact("method").into()));
     if let Some(strobe) = &model.strobe {
         let [x, y, z] = strobe.position_in_optical_m;
-        let std = strobe.position_std_m.map_or_else(String::new, |s| format!(" ± {:.3} m", s.iter().map(|s| s * s).sum::<f64>().sqrt()));
+        let std = strobe.position_std_m.map_or_else(String::new, |s| {
+            format!(" ± {:.3} m", s.iter().map(|s| s * s).sum::<f64>().sqrt())
+        });
         let source = match strobe.source.as_str() {
             "camera" => "taken to sit at the camera, as nothing better is known".into(),
             source => {
-                format!("{}, {}, {} of the camera{std} ({source})", sided(x, "right", "left"), sided(y, "down", "up"), sided(z, "ahead", "behind"))
+                format!(
+                    "{}, {}, {} of the camera{std} ({source})",
+                    sided(x, "right", "left"),
+                    sided(y, "down", "up"),
+                    sided(z, "ahead", "behind")
+                )
             }
         };
         rows.push(("strobe", source));
     }
     if let Some(b) = &model.backscatter {
-        let shares: Vec<String> = b.median_share.iter().map(|s| format!("{:.0} %", 100.0 * s)).collect();
+        let shares: Vec<String> =
+            b.median_share.iter().map(|s| format!("{:.0} %", 100.0 * s)).collect();
         rows.push((
             "scattered back",
-            format!("{} of the light of tracked points (median; {}), taken off", shares.join(" / "), band_names(shares.len()).join(" / ")),
+            format!(
+                "{} of the light of tracked points (median; {}), taken off",
+                shares.join(" / "),
+                band_names(shares.len()).join(" / ")
+            ),
         ));
     }
-    let followed: Vec<String> = model.light_settings.iter().map(|s| format!("{} of {} ({})", s.name, s.topic, s.law.word())).collect();
+    let followed: Vec<String> = model
+        .light_settings
+        .iter()
+        .map(|s| format!("{} of {} ({})", s.name, s.topic, s.law.word()))
+        .collect();
     if !followed.is_empty() {
         rows.push(("light follows", followed.join(", ")));
     }
@@ -99,7 +143,9 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     rows.push((
         "pixels",
         format!(
-            "{:.2} % clipped as recorded, {:.2} % clipped as corrected, {:.2} % held at the gain cap, {:.2} % off the floor, {:.2} % lit by a part of the beam never seen before, {:.2} % with too little light",
+            "{:.2} % clipped as recorded, {:.2} % clipped as corrected, {:.2} % held at the gain \
+             cap, {:.2} % off the floor, {:.2} % lit by a part of the beam never seen before, \
+             {:.2} % with too little light",
             share("clipped_input"),
             share("clipped_output"),
             share("gain_capped"),
@@ -109,14 +155,30 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
         ),
     ));
     if report.messages_copied > 0 {
-        rows.push(("messages", format!("{} copied, {} added", report.messages_copied, report.messages_added)));
+        rows.push((
+            "messages",
+            format!("{} copied, {} added", report.messages_copied, report.messages_added),
+        ));
     }
-    let from: Vec<String> = model.inputs.iter().map(|i| format!("{} ({} frames)", i.name, i.frames)).collect();
+    let from: Vec<String> =
+        model.inputs.iter().map(|i| format!("{} ({} frames)", i.name, i.frames)).collect();
     rows.push(("model from", from.join(", ")));
-    rows.push(("source", format!("{} · SHA-256 {}", camera.fact("source"), camera.fact("source_sha256"))));
-    let rows: String = rows.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value))).collect();
-    let damage: Vec<String> = report.damage.iter().map(|d| format!("{} (byte {})", d.reason, d.offset)).collect();
-    let of_log: Vec<String> = log.scan.damage.iter().map(|d| format!("in this log itself: {} (byte {})", d.reason, d.offset)).collect();
+    rows.push((
+        "source",
+        format!("{} · SHA-256 {}", camera.fact("source"), camera.fact("source_sha256")),
+    ));
+    let rows: String = rows
+        .iter()
+        .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value)))
+        .collect();
+    let damage: Vec<String> =
+        report.damage.iter().map(|d| format!("{} (byte {})", d.reason, d.offset)).collect();
+    let of_log: Vec<String> = log
+        .scan
+        .damage
+        .iter()
+        .map(|d| format!("in this log itself: {} (byte {})", d.reason, d.offset))
+        .collect();
     format!(
         "<section><h2>What was done</h2><dl>{rows}</dl>{}{}</section>\n",
         list("Damage: what could not be read", &damage),
@@ -134,27 +196,44 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
     let mut rows = String::new();
     for (b, alpha) in model.attenuation_per_m.iter().enumerate() {
         let interval = match model.attenuation_std_per_m.get(b).copied().flatten() {
-            Some(std) => format!("{:.4} to {:.4}", alpha - NINETY_FIVE * std, alpha + NINETY_FIVE * std),
+            Some(std) => {
+                format!("{:.4} to {:.4}", alpha - NINETY_FIVE * std, alpha + NINETY_FIVE * std)
+            }
             None => "not known".into(),
         };
         let name = names.get(b).copied().unwrap_or("");
-        let _infallible =
-            write!(rows, "<tr><th scope=\"row\"><span class=\"key k-{name}\"></span>{name}</th><td>{alpha:.4}</td><td>{interval}</td></tr>");
+        let _infallible = write!(
+            rows,
+            "<tr><th scope=\"row\"><span class=\"key \
+             k-{name}\"></span>{name}</th><td>{alpha:.4}</td><td>{interval}</td></tr>"
+        );
     }
     let kind = match model.attenuation_kind.as_str() {
-        "physical" => "<b>Physical</b>: the spreading of the strobe's light is modelled apart, and α is the water's own.",
-        _ => "<b>Effective</b>: spreading is not modelled, and α holds it too. Not to be compared with values of the water.",
+        "physical" => {
+            "<b>Physical</b>: the spreading of the strobe's light is modelled apart, and α is the \
+             water's own."
+        }
+        _ => {
+            "<b>Effective</b>: spreading is not modelled, and α holds it too. Not to be compared \
+             with values of the water."
+        }
     };
     let identified = match (&model.not_identified_because, model.identified) {
         (None, true) => "<p class=\"yes\">Identified: the log can tell it.</p>".to_string(),
         (why, _) => {
             let why = why.clone().unwrap_or_else(|| "the log cannot tell it".into());
-            let helps = remedy(&why).map_or_else(String::new, |r| format!(" <span class=\"remedy\">{}</span>", escaped(r)));
+            let helps = remedy(&why).map_or_else(String::new, |r| {
+                format!(" <span class=\"remedy\">{}</span>", escaped(r))
+            });
             format!("<p class=\"no\"><b>Not identified</b>: {}.{helps}</p>", escaped(&why))
         }
     };
     format!(
-        "<section id=\"{place}attenuation\"><h2>Attenuation of the water</h2>{identified}<div class=\"wide\"><table><thead><tr><th scope=\"col\">band</th><th scope=\"col\">α [1/m]</th><th scope=\"col\">95 % interval [1/m]</th></tr></thead><tbody>{rows}</tbody></table></div><p>{kind} The {} estimator's answer.</p>{}</section>\n",
+        "<section id=\"{place}attenuation\"><h2>Attenuation of the water</h2>{identified}<div \
+         class=\"wide\"><table><thead><tr><th scope=\"col\">band</th><th scope=\"col\">α \
+         [1/m]</th><th scope=\"col\">95 % interval \
+         [1/m]</th></tr></thead><tbody>{rows}</tbody></table></div><p>{kind} The {} estimator's \
+         answer.</p>{}</section>\n",
         escaped(&model.estimator),
         estimators(model)
     )
@@ -162,13 +241,17 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
 
 fn estimators(model: &ModelFile) -> String {
     let three = |values: &Option<Vec<f64>>| {
-        values.as_ref().map_or_else(|| "–".into(), |v| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(" / "))
+        values.as_ref().map_or_else(
+            || "–".into(),
+            |v| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(" / "),
+        )
     };
     let row = |(name, answer): (&String, &crate::model::EstimatorAnswer)| {
         let residual = answer.residual.map_or_else(|| "–".into(), |r| format!("{r:.4}"));
         let note = answer.note.as_deref().unwrap_or("");
         format!(
-            "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{residual}</td><td class=\"words\">{}</td></tr>",
+            "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{residual}</td><td \
+             class=\"words\">{}</td></tr>",
             escaped(name),
             three(&answer.attenuation_per_m),
             three(&answer.attenuation_std_per_m),
@@ -178,23 +261,40 @@ fn estimators(model: &ModelFile) -> String {
     };
     let rows: String = model.estimators.iter().map(row).collect();
     format!(
-        "<details><summary>What each estimator says</summary><div class=\"wide\"><table><thead><tr><th scope=\"col\">estimator</th><th scope=\"col\">α [1/m]</th><th scope=\"col\">standard deviation [1/m]</th><th scope=\"col\">observations</th><th scope=\"col\">residual [log light]</th><th scope=\"col\">note</th></tr></thead><tbody>{rows}</tbody></table></div></details>"
+        "<details><summary>What each estimator says</summary><div \
+         class=\"wide\"><table><thead><tr><th scope=\"col\">estimator</th><th scope=\"col\">α \
+         [1/m]</th><th scope=\"col\">standard deviation [1/m]</th><th \
+         scope=\"col\">observations</th><th scope=\"col\">residual [log light]</th><th \
+         scope=\"col\">note</th></tr></thead><tbody>{rows}</tbody></table></div></details>"
     )
 }
 
 fn warnings(camera: &CameraLog) -> String {
     // Why attenuation is not identified stands above already.
-    let warnings: Vec<&String> = camera.report.warnings.iter().filter(|w| !w.starts_with("attenuation is not identified")).collect();
+    let warnings: Vec<&String> = camera
+        .report
+        .warnings
+        .iter()
+        .filter(|w| !w.starts_with("attenuation is not identified"))
+        .collect();
     let item = |sentence: &&String| {
-        let helps = remedy(sentence).map_or_else(String::new, |r| format!(" <span class=\"remedy\">{}</span>", escaped(r)));
+        let helps = remedy(sentence)
+            .map_or_else(String::new, |r| format!(" <span class=\"remedy\">{}</span>", escaped(r)));
         format!("<li>{}.{helps}</li>", escaped(sentence))
     };
-    let body = if warnings.is_empty() { "<p>None.</p>".to_string() } else { format!("<ul>{}</ul>", warnings.iter().map(item).collect::<String>()) };
-    let remarks: String = camera.report.remarks.iter().map(|r| format!("<li>{}</li>", escaped(r))).collect();
+    let body = if warnings.is_empty() {
+        "<p>None.</p>".to_string()
+    } else {
+        format!("<ul>{}</ul>", warnings.iter().map(item).collect::<String>())
+    };
+    let remarks: String =
+        camera.report.remarks.iter().map(|r| format!("<li>{}</li>", escaped(r))).collect();
     let remarks = if remarks.is_empty() {
         String::new()
     } else {
-        format!("<details><summary>What was assumed or mended</summary><ul>{remarks}</ul></details>")
+        format!(
+            "<details><summary>What was assumed or mended</summary><ul>{remarks}</ul></details>"
+        )
     };
     format!("<section><h2>Warnings</h2>{body}{remarks}</section>\n")
 }
@@ -208,13 +308,15 @@ fn uncorrected(camera: &CameraLog) -> String {
         return "<section><h2>Frames not corrected</h2><p>None.</p></section>\n".into();
     }
     let row = |(reason, stamps): (&&str, &Vec<Stamp>)| {
-        let mut times: Vec<String> = stamps.iter().take(NAMED_FRAMES).map(|s| time_of(*s)).collect();
+        let mut times: Vec<String> =
+            stamps.iter().take(NAMED_FRAMES).map(|s| time_of(*s)).collect();
         if stamps.len() > NAMED_FRAMES {
             times.push(format!("and {} more", stamps.len() - NAMED_FRAMES));
         }
         let helps = remedy(reason).unwrap_or("");
         format!(
-            "<tr><td>{}</td><td class=\"words\">{}</td><td class=\"words\">{}</td><td class=\"words\">{}</td></tr>",
+            "<tr><td>{}</td><td class=\"words\">{}</td><td class=\"words\">{}</td><td \
+             class=\"words\">{}</td></tr>",
             stamps.len(),
             escaped(reason),
             escaped(&times.join(", ")),
@@ -223,7 +325,9 @@ fn uncorrected(camera: &CameraLog) -> String {
     };
     let rows: String = by_reason.iter().map(row).collect();
     format!(
-        "<section><h2>Frames not corrected</h2><div class=\"wide\"><table><thead><tr><th scope=\"col\">frames</th><th scope=\"col\">why</th><th scope=\"col\">when</th><th scope=\"col\">what helps</th></tr></thead><tbody>{rows}</tbody></table></div></section>\n"
+        "<section><h2>Frames not corrected</h2><div class=\"wide\"><table><thead><tr><th \
+         scope=\"col\">frames</th><th scope=\"col\">why</th><th scope=\"col\">when</th><th \
+         scope=\"col\">what helps</th></tr></thead><tbody>{rows}</tbody></table></div></section>\n"
     )
 }
 
@@ -234,7 +338,8 @@ pub fn settings(log: &CorrectedLog, camera: &CameraLog, number: usize) -> String
     }
     let text = escaped(camera.fact("configuration"));
     format!(
-        "<section><h2>Settings</h2><details><summary>All settings of the run, with unit and reason</summary><pre>{text}</pre></details></section>\n"
+        "<section><h2>Settings</h2><details><summary>All settings of the run, with unit and \
+         reason</summary><pre>{text}</pre></details></section>\n"
     )
 }
 
@@ -242,5 +347,8 @@ fn list(title: &str, sentences: &[String]) -> String {
     if sentences.is_empty() {
         return String::new();
     }
-    format!("<h3>{title}</h3><ul>{}</ul>", sentences.iter().map(|s| format!("<li>{}</li>", escaped(s))).collect::<String>())
+    format!(
+        "<h3>{title}</h3><ul>{}</ul>",
+        sentences.iter().map(|s| format!("<li>{}</li>", escaped(s))).collect::<String>()
+    )
 }

@@ -1,4 +1,5 @@
-//! The paper's figures for this dive that are made of numbers: Fig. 6, 8, 9, and attenuation along the dive.
+//! The paper's figures for this dive that are made of numbers: Fig. 6, 8, 9, and attenuation along
+//! the dive.
 
 use super::super::dive::CameraLog;
 use super::facts::{NINETY_FIVE, band_names, time_of};
@@ -9,7 +10,11 @@ use crate::units::Stamp;
 
 /// Classes and shapes of the bands.
 pub fn looks(bands: usize) -> &'static [(&'static str, Shape)] {
-    if bands == 1 { &[("b-grey", Shape::Dot)] } else { &[("b-red", Shape::Dot), ("b-green", Shape::Square), ("b-blue", Shape::Triangle)] }
+    if bands == 1 {
+        &[("b-grey", Shape::Dot)]
+    } else {
+        &[("b-red", Shape::Dot), ("b-green", Shape::Square), ("b-blue", Shape::Triangle)]
+    }
 }
 
 fn joined(values: impl Iterator<Item = f64>) -> String {
@@ -18,44 +23,76 @@ fn joined(values: impl Iterator<Item = f64>) -> String {
 
 /// Fig. 6: log of each frame's channel means against altitude.
 pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &str) -> Figure {
-    let frames: Vec<&Seen> = seen.iter().filter(|s| s.altitude_m.is_finite() && s.mean_light[..s.bands].iter().all(|v| *v > 0.0)).collect();
+    let frames: Vec<&Seen> = seen
+        .iter()
+        .filter(|s| s.altitude_m.is_finite() && s.mean_light[..s.bands].iter().all(|v| *v > 0.0))
+        .collect();
     let bands = camera.model.attenuation_per_m.len();
     let answer = camera.model.estimators.get("altitude");
-    let names = ["channel_means_red_per_m", "channel_means_green_per_m", "channel_means_blue_per_m"];
-    let used: Option<Vec<f64>> = answer.and_then(|a| names.iter().take(bands).map(|n| a.details.get(*n).copied()).collect());
+    let names =
+        ["channel_means_red_per_m", "channel_means_green_per_m", "channel_means_blue_per_m"];
+    let used: Option<Vec<f64>> =
+        answer.and_then(|a| names.iter().take(bands).map(|n| a.details.get(*n).copied()).collect());
     let mut caption = format!(
-        "Mean of each channel over the whole raw frame, in linear light (full scale is 1), natural logarithm; {} frames. Every way of light grows with altitude, and the lines fall the steeper the more the water takes.",
+        "Mean of each channel over the whole raw frame, in linear light (full scale is 1), \
+         natural logarithm; {} frames. Every way of light grows with altitude, and the lines fall \
+         the steeper the more the water takes.",
         frames.len()
     );
     let body = if frames.len() < 2 {
-        Err(if seen.is_empty() { no_raw.to_string() } else { "fewer than two raw frames can be read".into() })
+        Err(if seen.is_empty() {
+            no_raw.to_string()
+        } else {
+            "fewer than two raw frames can be read".into()
+        })
     } else {
         let x = Axis::around("camera above the floor [m]", frames.iter().map(|s| s.altitude_m));
-        let y = Axis::around("ln of channel mean", frames.iter().flat_map(|s| s.mean_light[..s.bands].iter().map(|v| v.ln())));
+        let y = Axis::around(
+            "ln of channel mean",
+            frames.iter().flat_map(|s| s.mean_light[..s.bands].iter().map(|v| v.ln())),
+        );
         let ends = [x.from, x.to];
         let mut plot = Plot::usual("Log channel mean against altitude, per band", x, y);
         if let Some(farthest) = answer.and_then(|a| a.details.get("farthest_m")) {
             plot.shade(0.0, farthest / 2.0);
             caption += &format!(
-                " Shaded: where the way there and back is no longer than {farthest:.2} m, beyond which the altitude estimator uses no cell."
+                " Shaded: where the way there and back is no longer than {farthest:.2} m, beyond \
+                 which the altitude estimator uses no cell."
             );
         }
         for (b, (class, shape)) in looks(bands).iter().enumerate() {
-            let points: Vec<(f64, f64)> = frames.iter().filter(|s| b < s.bands).map(|s| (s.altitude_m, s.mean_light[b].ln())).collect();
+            let points: Vec<(f64, f64)> = frames
+                .iter()
+                .filter(|s| b < s.bands)
+                .map(|s| (s.altitude_m, s.mean_light[b].ln()))
+                .collect();
             let slope = used.as_ref().map_or_else(|| fitted_slope(&points), |u| Some(-2.0 * u[b]));
             for (altitude, log) in &points {
-                plot.point(class, *shape, (*altitude, *log), &format!("{}: {log:.3} at {altitude:.2} m", band_names(bands)[b]));
+                plot.point(
+                    class,
+                    *shape,
+                    (*altitude, *log),
+                    &format!("{}: {log:.3} at {altitude:.2} m", band_names(bands)[b]),
+                );
             }
             let n = points.len() as f64;
-            let middle = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+            let middle = (
+                points.iter().map(|p| p.0).sum::<f64>() / n,
+                points.iter().map(|p| p.1).sum::<f64>() / n,
+            );
             if let Some(slope) = slope {
-                plot.line(class, &ends.map(|altitude| (altitude, middle.1 + slope * (altitude - middle.0))));
+                plot.line(
+                    class,
+                    &ends.map(|altitude| (altitude, middle.1 + slope * (altitude - middle.0))),
+                );
             }
             plot.legend(class, *shape, band_names(bands)[b]);
         }
         caption += &match (&used, answer.and_then(|a| a.attenuation_per_m.as_ref())) {
             (Some(u), Some(a)) => format!(
-                " Lines: the paper's reading, α = −slope/2 = {} per metre, which holds spreading and the beam; freed of both and followed cell by cell, the altitude estimator says {}. The run used the {} estimator.",
+                " Lines: the paper's reading, α = −slope/2 = {} per metre, which holds spreading \
+                 and the beam; freed of both and followed cell by cell, the altitude estimator \
+                 says {}. The run used the {} estimator.",
                 joined(u.iter().copied()),
                 joined(a.iter().copied()),
                 crate::draw::escaped(&camera.model.estimator)
@@ -63,7 +100,8 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
             _ => {
                 let why = answer.and_then(|a| a.note.as_deref()).unwrap_or("no answer");
                 format!(
-                    " Lines: least squares through these points, where altitude varies. The altitude estimator has no answer: {}.",
+                    " Lines: least squares through these points, where altitude varies. The \
+                     altitude estimator has no answer: {}.",
                     crate::draw::escaped(why)
                 )
             }
@@ -76,8 +114,11 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
 /// Slope by least squares; `None` where x hardly varies.
 fn fitted_slope(points: &[(f64, f64)]) -> Option<f64> {
     let n = points.len() as f64;
-    let (x, y) = (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
-    let (top, bottom) = points.iter().fold((0.0, 0.0), |(t, b), p| (t + (p.0 - x) * (p.1 - y), b + (p.0 - x).powi(2)));
+    let (x, y) =
+        (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+    let (top, bottom) = points
+        .iter()
+        .fold((0.0, 0.0), |(t, b), p| (t + (p.0 - x) * (p.1 - y), b + (p.0 - x).powi(2)));
     (bottom > 1e-4 * n).then(|| top / bottom)
 }
 
@@ -87,39 +128,62 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
     let nothing = EstimatorAnswer::default();
     let answer = camera.model.estimators.get("pairs").unwrap_or(&nothing);
     let bands = camera.model.attenuation_per_m.len();
-    let images: Vec<_> =
-        answer.by_image.iter().filter(|i| i.attenuation_per_m.len() == bands && i.before_beam_pattern_per_m.len() == bands).collect();
+    let images: Vec<_> = answer
+        .by_image
+        .iter()
+        .filter(|i| {
+            i.attenuation_per_m.len() == bands && i.before_beam_pattern_per_m.len() == bands
+        })
+        .collect();
     if images.is_empty() {
         let why = match (&answer.note, &answer.attenuation_per_m) {
             (Some(note), _) => format!("the pairs estimator has no answer: {note}"),
-            (None, Some(_)) => "the model was made by an older version, which does not keep what single images say".into(),
+            (None, Some(_)) => "the model was made by an older version, which does not keep what \
+                                single images say"
+                .into(),
             (None, None) => "the pairs estimator was not run".into(),
         };
         return Figure::of("pairs", title, Err(why), "");
     }
     let start = camera.frames.first().map_or(images[0].stamp_ns, |f| f.stamp.0);
     let seconds = |stamp: i64| (stamp.saturating_sub(start)) as f64 * 1e-9;
-    let of = |before: bool, i: &crate::model::ImageAnswer, b: usize| if before { i.before_beam_pattern_per_m[b] } else { i.attenuation_per_m[b] };
+    let of = |before: bool, i: &crate::model::ImageAnswer, b: usize| {
+        if before { i.before_beam_pattern_per_m[b] } else { i.attenuation_per_m[b] }
+    };
     // Images of little overlap scatter far: the axis holds nine in ten values, and the means.
-    let mut all: Vec<f64> = images.iter().flat_map(|i| (0..bands).flat_map(move |b| [of(true, i, b), of(false, i, b)])).collect();
+    let mut all: Vec<f64> = images
+        .iter()
+        .flat_map(|i| (0..bands).flat_map(move |b| [of(true, i, b), of(false, i, b)]))
+        .collect();
     all.sort_by(f64::total_cmp);
     let at = |share: f64| all[((all.len() - 1) as f64 * share).round() as usize];
-    let means_before = ["red", "green", "blue"].map(|c| answer.details.get(&format!("before_beam_pattern_{c}_per_m")).copied());
-    let means_after: Vec<Option<f64>> = (0..3).map(|b| answer.attenuation_per_m.as_ref().and_then(|a| a.get(b).copied())).collect();
+    let means_before = ["red", "green", "blue"]
+        .map(|c| answer.details.get(&format!("before_beam_pattern_{c}_per_m")).copied());
+    let means_after: Vec<Option<f64>> =
+        (0..3).map(|b| answer.attenuation_per_m.as_ref().and_then(|a| a.get(b).copied())).collect();
     let means = means_before.iter().chain(&means_after).take(6).filter_map(|m| *m);
     let range = Axis::around("", [at(0.05), at(0.95), 0.0].into_iter().chain(means));
     let mut body = String::new();
-    for (before, heading, means) in
-        [(true, "before: the beam taken as even", &means_before[..]), (false, "after: the beam pattern known", &means_after[..])]
-    {
-        let x = Axis::around("time since the first frame [s]", images.iter().map(|i| seconds(i.stamp_ns)));
+    for (before, heading, means) in [
+        (true, "before: the beam taken as even", &means_before[..]),
+        (false, "after: the beam pattern known", &means_after[..]),
+    ] {
+        let x = Axis::around(
+            "time since the first frame [s]",
+            images.iter().map(|i| seconds(i.stamp_ns)),
+        );
         let y = Axis { label: "α [1/m]".into(), ..range.clone() };
         let ends = [x.from, x.to];
-        let mut plot = Plot::new(&format!("Attenuation of each image, {heading}"), x, y, (450.0, 190.0));
+        let mut plot =
+            Plot::new(&format!("Attenuation of each image, {heading}"), x, y, (450.0, 190.0));
         for (b, (class, shape)) in looks(bands).iter().enumerate() {
             for image in &images {
                 let alpha = of(before, image, b);
-                let says = format!("{}: {alpha:.3} per metre, {}", band_names(bands)[b], time_of(Stamp(image.stamp_ns)));
+                let says = format!(
+                    "{}: {alpha:.3} per metre, {}",
+                    band_names(bands)[b],
+                    time_of(Stamp(image.stamp_ns))
+                );
                 plot.point(class, *shape, (seconds(image.stamp_ns), alpha), &says);
             }
             if let Some(mean) = means.get(b).copied().flatten() {
@@ -127,12 +191,20 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
                 plot.legend(class, *shape, &format!("{} {mean:.3}", band_names(bands)[b]));
             }
         }
-        body +=
-            &format!("<p class=\"which\">{heading}</p>{}", plot.finished(&format!("{place}plot-pairs-{}", if before { "before" } else { "after" })));
+        body += &format!(
+            "<p class=\"which\">{heading}</p>{}",
+            plot.finished(&format!(
+                "{place}plot-pairs-{}",
+                if before { "before" } else { "after" }
+            ))
+        );
     }
     let outside = all.iter().filter(|v| **v < range.from || **v > range.to).count();
     let caption = format!(
-        "Each image's α by Eq. 16, from its pairs with later images ({} images, {} pairs); dotted: weighted means, in the legend. Bands of one image move together where its light differs, not its water. {outside} of {} values lie beyond the axis. This is the paper's estimator; the model holds the {} one's answer.",
+        "Each image's α by Eq. 16, from its pairs with later images ({} images, {} pairs); \
+         dotted: weighted means, in the legend. Bands of one image move together where its light \
+         differs, not its water. {outside} of {} values lie beyond the axis. This is the paper's \
+         estimator; the model holds the {} one's answer.",
         images.len(),
         answer.observations,
         all.len(),
@@ -148,31 +220,53 @@ const MOST_CELLS: usize = 45;
 pub fn beam_pattern(camera: &CameraLog, place: &str) -> Figure {
     let title = "Beam pattern of the strobe (Fig. 9)";
     let beam = &camera.model.beam_pattern;
-    let seen = |i: usize, j: usize| beam.log_gain.get(i).and_then(|row| row.get(j).copied().flatten());
+    let seen =
+        |i: usize, j: usize| beam.log_gain.get(i).and_then(|row| row.get(j).copied().flatten());
     let (rows, columns) = (beam.theta_deg.len(), beam.phi_deg.len());
-    let known: Vec<(usize, usize)> = (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))).filter(|(i, j)| seen(*i, *j).is_some()).collect();
+    let known: Vec<(usize, usize)> = (0..rows)
+        .flat_map(|i| (0..columns).map(move |j| (i, j)))
+        .filter(|(i, j)| seen(*i, *j).is_some())
+        .collect();
     if known.is_empty() || rows < 2 || columns < 2 {
-        return Figure::of("beam-pattern", title, Err("no direction of the beam was seen by any frame".into()), "");
+        return Figure::of(
+            "beam-pattern",
+            title,
+            Err("no direction of the beam was seen by any frame".into()),
+            "",
+        );
     }
     let step = (beam.theta_deg[1] - beam.theta_deg[0]).abs();
     let stride = rows.div_ceil(MOST_CELLS).max(1);
     let half = step * stride as f64 / 2.0;
-    let span = |angles: Vec<f64>| angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)));
+    let span = |angles: Vec<f64>| {
+        angles.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(*v), m.max(*v)))
+    };
     let (left, right) = span(known.iter().map(|(_, j)| beam.phi_deg[*j]).collect());
     let (low, high) = span(known.iter().map(|(i, _)| beam.theta_deg[*i]).collect());
     let room = 2.0 * step;
-    let x = Axis { label: "φ, about the strobe's y axis [°]".into(), from: left - room, to: right + room };
+    let x = Axis {
+        label: "φ, about the strobe's y axis [°]".into(),
+        from: left - room,
+        to: right + room,
+    };
     // θ falls: as the strobe looks, what lies below its axis is below here.
     let y = Axis { label: "θ, about its x axis [°]".into(), from: high + room, to: low - room };
     // Degrees are as long up as across.
     let scale = (430.0 / (x.to - x.from)).min(430.0 / (y.from - y.to));
     let field = ((x.to - x.from) * scale, (y.from - y.to) * scale);
-    // A peak of a few cells at the edge would leave the rest dark: the colours end where nearly all values lie.
-    let mut gains: Vec<f64> = known.iter().filter_map(|(i, j)| seen(*i, *j)).map(f64::exp).collect();
+    // A peak of a few cells at the edge would leave the rest dark: the colours end where nearly all
+    // values lie.
+    let mut gains: Vec<f64> =
+        known.iter().filter_map(|(i, j)| seen(*i, *j)).map(f64::exp).collect();
     gains.sort_by(f64::total_cmp);
     let high_gain = gains[(gains.len() - 1) * 98 / 100];
-    let bar = Axis { label: "intensity over its peak".into(), from: 0.0, to: if high_gain < 0.6 { high_gain } else { 1.0 } };
-    let mut plot = Plot::new("Beam pattern over two angles, in colour", x, y, field).with_bar(Ramp::Warm, bar);
+    let bar = Axis {
+        label: "intensity over its peak".into(),
+        from: 0.0,
+        to: if high_gain < 0.6 { high_gain } else { 1.0 },
+    };
+    let mut plot =
+        Plot::new("Beam pattern over two angles, in colour", x, y, field).with_bar(Ramp::Warm, bar);
     for (i, j) in known.iter().filter(|(i, j)| i % stride == 0 && j % stride == 0) {
         let (theta, phi) = (beam.theta_deg[*i], beam.phi_deg[*j]);
         let gain = seen(*i, *j).map(f64::exp);
@@ -180,9 +274,15 @@ pub fn beam_pattern(camera: &CameraLog, place: &str) -> Figure {
         plot.cell((phi - half, theta - half), (phi + half, theta + half), gain, &says);
     }
     let share = 100.0 * known.len() as f64 / (rows * columns) as f64;
-    let beyond = if high_gain < 0.6 { " A few directions at the edge are brighter than the colours reach." } else { "" };
+    let beyond = if high_gain < 0.6 {
+        " A few directions at the edge are brighter than the colours reach."
+    } else {
+        ""
+    };
     let caption = format!(
-        "Relative intensity in the strobe's own angles, (0°, 0°) straight ahead of it; warmer is brighter. Blank directions were seen by no frame ({:.0} % of the grid, which reaches to ±{:.0}°). One pattern for all bands and the whole dive.{beyond}",
+        "Relative intensity in the strobe's own angles, (0°, 0°) straight ahead of it; warmer is \
+         brighter. Blank directions were seen by no frame ({:.0} % of the grid, which reaches to \
+         ±{:.0}°). One pattern for all bands and the whole dive.{beyond}",
         100.0 - share,
         beam.theta_deg.last().copied().unwrap_or_default()
     );
@@ -196,24 +296,47 @@ pub fn attenuation_over_time(camera: &CameraLog, place: &str) -> Option<Figure> 
     let bands = camera.model.attenuation_per_m.len();
     let seconds = |stamp: i64| stamp.saturating_sub(first) as f64 * 1e-9;
     let ends = |n: &crate::model::TimeNode, b: usize| {
-        let (alpha, std) = (n.attenuation_per_m.get(b).copied().unwrap_or(f64::NAN), n.attenuation_std_per_m.get(b).copied().unwrap_or(f64::NAN));
+        let (alpha, std) = (
+            n.attenuation_per_m.get(b).copied().unwrap_or(f64::NAN),
+            n.attenuation_std_per_m.get(b).copied().unwrap_or(f64::NAN),
+        );
         (alpha, NINETY_FIVE * std)
     };
-    let x = Axis::around("time since the first node [s]", nodes.iter().map(|n| seconds(n.stamp_ns)));
-    let values = nodes.iter().flat_map(|n| (0..bands).map(move |b| ends(n, b))).flat_map(|(a, e)| [a - e, a + e]);
-    let mut plot = Plot::usual("Attenuation along the dive, per band", x, Axis::around("α [1/m]", values));
+    let x =
+        Axis::around("time since the first node [s]", nodes.iter().map(|n| seconds(n.stamp_ns)));
+    let values = nodes
+        .iter()
+        .flat_map(|n| (0..bands).map(move |b| ends(n, b)))
+        .flat_map(|(a, e)| [a - e, a + e]);
+    let mut plot =
+        Plot::usual("Attenuation along the dive, per band", x, Axis::around("α [1/m]", values));
     for (b, (class, shape)) in looks(bands).iter().enumerate() {
-        let curve = |sign: f64| nodes.iter().map(|n| (seconds(n.stamp_ns), ends(n, b).0 + sign * ends(n, b).1)).collect::<Vec<_>>();
+        let curve = |sign: f64| {
+            nodes
+                .iter()
+                .map(|n| (seconds(n.stamp_ns), ends(n, b).0 + sign * ends(n, b).1))
+                .collect::<Vec<_>>()
+        };
         plot.line(class, &curve(0.0));
         plot.line(&format!("{class} dotted"), &curve(1.0));
         plot.line(&format!("{class} dotted"), &curve(-1.0));
         for node in nodes {
             let (alpha, half) = ends(node, b);
-            let says = format!("{}: {alpha:.4} ± {half:.4} per metre (95 %), {}", band_names(bands)[b], time_of(Stamp(node.stamp_ns)));
+            let says = format!(
+                "{}: {alpha:.4} ± {half:.4} per metre (95 %), {}",
+                band_names(bands)[b],
+                time_of(Stamp(node.stamp_ns))
+            );
             plot.point(class, *shape, (seconds(node.stamp_ns), alpha), &says);
         }
         plot.legend(class, *shape, band_names(bands)[b]);
     }
-    let caption = "The water changes along this dive: α at its nodes, linear between; dotted: 95 % intervals.";
-    Some(Figure::of("over-time", "Attenuation along the dive", Ok(plot.finished(&format!("{place}plot-over-time"))), caption))
+    let caption = "The water changes along this dive: α at its nodes, linear between; dotted: 95 \
+                   % intervals.";
+    Some(Figure::of(
+        "over-time",
+        "Attenuation along the dive",
+        Ok(plot.finished(&format!("{place}plot-over-time"))),
+        caption,
+    ))
 }

@@ -1,8 +1,9 @@
-//! `unwater report`: one page about a corrected log, made of the log alone. It holds its style, its script and its pictures,
-//! asks no network, and reads in light, in dark and on paper.
+//! `unwater report`: one page about a corrected log, made of the log alone. It holds its style, its
+//! script and its pictures, asks no network, and reads in light, in dark and on paper.
 //!
-//! What the page says comes from the log's own account; pictures and their figures are made anew through the same correction.
-//! A figure that cannot be made is replaced by the sentence that says why.
+//! What the page says comes from the log's own account; pictures and their figures are made anew
+//! through the same correction. A figure that cannot be made is replaced by the sentence that says
+//! why.
 
 mod before_after;
 mod facts;
@@ -41,7 +42,12 @@ pub(super) struct Figure {
 }
 
 impl Figure {
-    fn of(id: &'static str, title: &str, body: std::result::Result<String, String>, caption: &str) -> Self {
+    fn of(
+        id: &'static str,
+        title: &str,
+        body: std::result::Result<String, String>,
+        caption: &str,
+    ) -> Self {
         Self { id, title: title.into(), body, caption: caption.into() }
     }
 
@@ -49,13 +55,15 @@ impl Figure {
         let id = format!("{place}{}", self.id);
         match &self.body {
             Ok(body) => format!(
-                "<figure id=\"{id}\" data-figure=\"{}\"><h3>{}</h3>{body}<output class=\"read\" aria-live=\"polite\"></output><figcaption>{}</figcaption></figure>\n",
+                "<figure id=\"{id}\" data-figure=\"{}\"><h3>{}</h3>{body}<output class=\"read\" \
+                 aria-live=\"polite\"></output><figcaption>{}</figcaption></figure>\n",
                 self.id,
                 escaped(&self.title),
                 self.caption
             ),
             Err(why) => format!(
-                "<section id=\"{id}\" data-figure=\"{}\" class=\"missing\"><h3>{}</h3><p>Not shown: {}.</p></section>\n",
+                "<section id=\"{id}\" data-figure=\"{}\" class=\"missing\"><h3>{}</h3><p>Not \
+                 shown: {}.</p></section>\n",
                 self.id,
                 escaped(&self.title),
                 escaped(why)
@@ -89,18 +97,35 @@ pub fn page(log: &CorrectedLog, options: &Options) -> Result<String> {
     }
     let title = log.cameras.first().map_or("", |c| c.fact("source"));
     Ok(format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<link rel=\"icon\" href=\"data:,\">\n<title>{} · unwater</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n{body}</main>\n<script>\n{}</script>\n</body>\n</html>\n",
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta \
+         name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta \
+         name=\"color-scheme\" content=\"light dark\">\n<meta \
+         http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
+         style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<link rel=\"icon\" \
+         href=\"data:,\">\n<title>{} · \
+         unwater</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n{body}</main>\n<script>\\
+         n{}</script>\n</body>\n</html>\n",
         escaped(title),
         include_str!("style.css"),
         include_str!("script.js"),
     ))
 }
 
-fn of_camera(log: &CorrectedLog, camera: &CameraLog, number: usize, places: &Places, options: &Options) -> String {
+fn of_camera(
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    number: usize,
+    places: &Places,
+    options: &Options,
+) -> String {
     // The first camera's figures have plain names.
     let place = if number == 0 { String::new() } else { format!("c{number}-") };
-    let bench = log.bench(camera, Pictures::Raw, options).map_err(|e| why_no_bench(camera, &e.to_string()));
-    let shown = shown_frames(camera, if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES });
+    let bench =
+        log.bench(camera, Pictures::Raw, options).map_err(|e| why_no_bench(camera, &e.to_string()));
+    let shown = shown_frames(
+        camera,
+        if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES },
+    );
     let (seen, bench) = match bench {
         Ok(bench) => match look(&bench, camera, &shown) {
             Ok(seen) => (seen, Ok(bench)),
@@ -108,10 +133,15 @@ fn of_camera(log: &CorrectedLog, camera: &CameraLog, number: usize, places: &Pla
         },
         Err(why) => (Vec::new(), Err(why)),
     };
-    let no_raw = bench.as_ref().err().cloned().unwrap_or_else(|| "no raw picture of a corrected frame is in this log".into());
+    let no_raw = bench
+        .as_ref()
+        .err()
+        .cloned()
+        .unwrap_or_else(|| "no raw picture of a corrected frame is in this log".into());
     let staged = seen.iter().find_map(|s| s.stages.clone()).unwrap_or_else(|| Err(no_raw.clone()));
     // A survey of the corrected pictures tells the way as well where raw ones are gone.
-    let bench = bench.or_else(|_| log.bench(camera, Pictures::Corrected, options).map_err(|e| e.to_string()));
+    let bench = bench
+        .or_else(|_| log.bench(camera, Pictures::Corrected, options).map_err(|e| e.to_string()));
     let mut figures = vec![before_after::figure(log, camera, &shown, &seen, &no_raw, &place)];
     figures.push(figures::channel_means(camera, &seen, &no_raw, &place));
     figures.push(figures::pairs_by_image(camera, &place));
@@ -120,13 +150,23 @@ fn of_camera(log: &CorrectedLog, camera: &CameraLog, number: usize, places: &Pla
     figures.extend(track::figures(camera, bench.as_ref(), places, &place));
     figures.extend(figures::attenuation_over_time(camera, &place));
     let figures: String = figures.iter().map(|f| f.html(&place)).collect();
-    facts::section(log, camera, number, &place) + "<h2>Figures</h2>\n" + &figures + &facts::settings(log, camera, number)
+    facts::section(log, camera, number, &place)
+        + "<h2>Figures</h2>\n"
+        + &figures
+        + &facts::settings(log, camera, number)
 }
 
 fn why_no_bench(camera: &CameraLog, error: &str) -> String {
     let is_gone = error.contains("there is no camera");
     let topic = camera.fact("camera_topic");
-    if is_gone { format!("the raw pictures ({topic}) are not in this log, which was written with --drop-raw or --only") } else { error.into() }
+    if is_gone {
+        format!(
+            "the raw pictures ({topic}) are not in this log, which was written with --drop-raw or \
+             --only"
+        )
+    } else {
+        error.into()
+    }
 }
 
 /// Corrected frames from the lowest to the highest, evenly by rank.
@@ -134,19 +174,25 @@ fn shown_frames(camera: &CameraLog, most: usize) -> BTreeSet<u64> {
     let mut by_altitude: Vec<_> = camera.corrected().map(|(_, f)| f).collect();
     by_altitude.sort_by(|a, b| a.altitude_m.total_cmp(&b.altitude_m));
     let last = by_altitude.len().saturating_sub(1);
-    (0..most).filter_map(|k| by_altitude.get(k * last / (most - 1).max(1))).map(|f| f.log_time).collect()
+    (0..most)
+        .filter_map(|k| by_altitude.get(k * last / (most - 1).max(1)))
+        .map(|f| f.log_time)
+        .collect()
 }
 
 /// Decodes what the figures need, each frame once.
 fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Result<Vec<Seen>> {
     let corrected: Vec<u64> = camera.corrected().map(|(_, f)| f.log_time).collect();
     let step = corrected.len().div_ceil(MEANS_OF_FRAMES).max(1);
-    let wanted: BTreeSet<u64> = corrected.iter().copied().step_by(step).chain(shown.iter().copied()).collect();
-    let altitudes: BTreeMap<u64, f64> = camera.corrected().map(|(_, f)| (f.log_time, f.altitude_m)).collect();
+    let wanted: BTreeSet<u64> =
+        corrected.iter().copied().step_by(step).chain(shown.iter().copied()).collect();
+    let altitudes: BTreeMap<u64, f64> =
+        camera.corrected().map(|(_, f)| (f.log_time, f.altitude_m)).collect();
     let index_of = |(index, frame): (usize, &crate::pipeline::scan::FrameRef)| {
         wanted.contains(&u64::try_from(frame.logged.0).unwrap_or_default()).then_some(index)
     };
-    let chosen: BTreeSet<usize> = bench.log.survey.frames.iter().enumerate().filter_map(index_of).collect();
+    let chosen: BTreeSet<usize> =
+        bench.log.survey.frames.iter().enumerate().filter_map(index_of).collect();
     // The stages are those of the frame in the middle of what is shown.
     let staged = shown.iter().nth(shown.len() / 2).copied();
     let stages = stages::Stages::new(bench);
@@ -158,7 +204,9 @@ fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Result<Vec<
             altitude_m: altitudes.get(&frame.log_time).copied().unwrap_or(f64::NAN),
             mean_light: bench.samples(&frame, false).mean_light,
             bands: frame.image.bands(),
-            raw: shown.contains(&frame.log_time).then(|| reduced(&frame.image.clone().into_bands(), SHOWN_SIDE)),
+            raw: shown
+                .contains(&frame.log_time)
+                .then(|| reduced(&frame.image.clone().into_bands(), SHOWN_SIDE)),
             stages: (staged == Some(frame.log_time)).then(|| stages.of(bench, &frame)),
         },
         |frame| seen.push(frame),

@@ -1,7 +1,8 @@
-//! The paper's Fig. 10: one frame raw, corrected for attenuation alone, for the beam pattern alone, and for both.
+//! The paper's Fig. 10: one frame raw, corrected for attenuation alone, for the beam pattern alone,
+//! and for both.
 //!
-//! All through the library's own correction. What takes no water away keeps its blue-green cast: raw and beam pattern alone
-//! get no white balance, the other two the balance of the whole log.
+//! All through the library's own correction. What takes no water away keeps its blue-green cast:
+//! raw and beam pattern alone get no white balance, the other two the balance of the whole log.
 
 use super::super::pictures::{codes, exposure, jpeg_uri, reduced};
 use super::Figure;
@@ -75,10 +76,16 @@ fn balance_of(gain: &[f64]) -> WhiteBalance {
 fn tile(name: &str, image: &LinearImage, factor: f32) -> Result<String, String> {
     let uri = jpeg_uri(&codes(image, factor), image.width, image.height, image.bands, QUALITY)?;
     let name = escaped(name);
-    Ok(format!("<div><img width=\"{}\" height=\"{}\" alt=\"{name}\" src=\"{uri}\"><p class=\"which\">{name}</p></div>", image.width, image.height))
+    Ok(format!(
+        "<div><img width=\"{}\" height=\"{}\" alt=\"{name}\" src=\"{uri}\"><p \
+         class=\"which\">{name}</p></div>",
+        image.width, image.height
+    ))
 }
 
 pub fn figure(body: Result<String, String>) -> Figure {
-    let caption = "One frame, as in the paper's Fig. 10. Raw and beam pattern alone have no white balance and keep the water's cast; the other two have that of the whole log. Each is exposed for itself, but for the last, which is what stands in the log.";
+    let caption = "One frame, as in the paper's Fig. 10. Raw and beam pattern alone have no white \
+                   balance and keep the water's cast; the other two have that of the whole log. \
+                   Each is exposed for itself, but for the last, which is what stands in the log.";
     Figure::of("stages", "Stages of correction (Fig. 10)", body, caption)
 }

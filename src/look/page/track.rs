@@ -1,4 +1,5 @@
-//! The dive seen from above, coloured by altitude and by how well planes fit; along time where the log tells no way.
+//! The dive seen from above, coloured by altitude and by how well planes fit; along time where the
+//! log tells no way.
 
 use super::super::dive::{CameraLog, FrameRecord};
 use super::super::places::{Places, east_north, fix_at, placed};
@@ -35,12 +36,18 @@ const QUANTITIES: [Quantity; 2] = [
         label: "residual [m]",
         means: "root mean square of the hits' heights over the plane",
         of: |f| f.floor.as_ref().map_or(f64::NAN, |p| p.residual_m),
-        missing: "no plane is held by more returns than it needs, so nothing is left over (an altimeter, or three beams)",
+        missing: "no plane is held by more returns than it needs, so nothing is left over (an \
+                  altimeter, or three beams)",
     },
 ];
 
 /// Two figures.
-pub fn figures(camera: &CameraLog, bench: Result<&Bench, &String>, places: &Places, place: &str) -> Vec<Figure> {
+pub fn figures(
+    camera: &CameraLog,
+    bench: Result<&Bench, &String>,
+    places: &Places,
+    place: &str,
+) -> Vec<Figure> {
     let step = camera.frames.len().div_ceil(MOST_POINTS).max(1);
     let frames: Vec<&FrameRecord> = camera.frames.iter().step_by(step).collect();
     let way = way(&frames, bench, places);
@@ -57,9 +64,14 @@ struct Way {
 fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places) -> Option<Way> {
     let by_pose = bench.ok().and_then(|bench| {
         let survey = &bench.log.survey;
-        let with_planes: Vec<_> =
-            frames.iter().map(|f| (f.stamp, survey.pings.seafloor(f.stamp, &survey.rig, &bench.config.seafloor).ok())).collect();
-        let known: Vec<_> = with_planes.iter().filter_map(|(stamp, plane)| Some((*stamp, (*plane)?))).collect();
+        let with_planes: Vec<_> = frames
+            .iter()
+            .map(|f| {
+                (f.stamp, survey.pings.seafloor(f.stamp, &survey.rig, &bench.config.seafloor).ok())
+            })
+            .collect();
+        let known: Vec<_> =
+            with_planes.iter().filter_map(|(stamp, plane)| Some((*stamp, (*plane)?))).collect();
         let placed = placed(&bench.log, places, &known)?;
         let mut found = placed.poses.into_iter();
         let camera = survey.rig.body_from_optical.origin().vector();
@@ -74,9 +86,16 @@ fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places)
     by_pose.or_else(|| {
         let (topic, fixes) = places.best_fixes()?;
         let first = fixes.first()?;
-        let at: Vec<_> = frames.iter().map(|f| fix_at(fixes, f.stamp).map(|fix| east_north(&fix, first))).collect();
+        let at: Vec<_> = frames
+            .iter()
+            .map(|f| fix_at(fixes, f.stamp).map(|fix| east_north(&fix, first)))
+            .collect();
         let most = 2 * at.iter().flatten().count() > frames.len();
-        most.then(|| Way { at, labels: ["east [m]", "north [m]"], source: format!("fixes of {topic}, from the first one") })
+        most.then(|| Way {
+            at,
+            labels: ["east [m]", "north [m]"],
+            source: format!("fixes of {topic}, from the first one"),
+        })
     })
 }
 
@@ -85,38 +104,67 @@ fn figure(quantity: &Quantity, frames: &[&FrameRecord], way: Option<&Way>, place
     let along_time = format!("Along the dive: {}", quantity.name);
     let values: Vec<f64> = frames.iter().map(|f| (quantity.of)(f)).collect();
     if !values.iter().any(|v| v.is_finite()) {
-        return Figure::of(quantity.id, if way.is_some() { &seen_from_above } else { &along_time }, Err(quantity.missing.into()), "");
+        return Figure::of(
+            quantity.id,
+            if way.is_some() { &seen_from_above } else { &along_time },
+            Err(quantity.missing.into()),
+            "",
+        );
     }
     let uncorrected = frames.iter().filter(|f| !f.corrected).count();
-    let says =
-        |f: &FrameRecord, v: f64| format!("{}: {v:.3} m, {}{}", quantity.name, time_of(f.stamp), if f.corrected { "" } else { " (not corrected)" });
+    let says = |f: &FrameRecord, v: f64| {
+        format!(
+            "{}: {v:.3} m, {}{}",
+            quantity.name,
+            time_of(f.stamp),
+            if f.corrected { "" } else { " (not corrected)" }
+        )
+    };
     let id = format!("{place}plot-{}", quantity.id);
     let grey = if uncorrected > 0 { " Hollow: no value." } else { "" };
     if let Some(way) = way {
         let (x, y) = equal_axes(way);
         let field = field_of(&x, &y);
-        let mut plot = Plot::new(&seen_from_above, x, y, field).with_bar(Ramp::Cool, Axis::around(quantity.label, values.iter().copied()));
-        let line: Vec<(f64, f64)> = way.at.iter().map(|p| p.map_or((f64::NAN, f64::NAN), |[x, y]| (x, y))).collect();
+        let mut plot = Plot::new(&seen_from_above, x, y, field)
+            .with_bar(Ramp::Cool, Axis::around(quantity.label, values.iter().copied()));
+        let line: Vec<(f64, f64)> =
+            way.at.iter().map(|p| p.map_or((f64::NAN, f64::NAN), |[x, y]| (x, y))).collect();
         plot.line("way", &line);
         for ((frame, value), at) in frames.iter().zip(&values).zip(&way.at) {
             if let Some([x, y]) = at {
-                plot.colored((*x, *y), *value, &format!("{}; at {x:.2}, {y:.2} m", says(frame, *value)));
+                plot.colored(
+                    (*x, *y),
+                    *value,
+                    &format!("{}; at {x:.2}, {y:.2} m", says(frame, *value)),
+                );
             }
         }
-        let caption =
-            format!("One point a frame, where the camera was, seen from above: {}. Places from {}.{grey}", quantity.means, escaped(&way.source));
+        let caption = format!(
+            "One point a frame, where the camera was, seen from above: {}. Places from {}.{grey}",
+            quantity.means,
+            escaped(&way.source)
+        );
         return Figure::of(quantity.id, &seen_from_above, Ok(plot.finished(&id)), &caption);
     }
     let start = frames.first().map_or(frames[0].stamp, |f| f.stamp);
     let seconds = |f: &FrameRecord| f.stamp.seconds_since(start);
     let x = Axis::around("time since the first frame [s]", frames.iter().map(|f| seconds(f)));
-    let mut plot = Plot::new(&along_time, x, Axis::around(quantity.label, values.iter().copied()), (450.0, 190.0));
-    plot.line("way", &frames.iter().zip(&values).map(|(f, v)| (seconds(f), *v)).collect::<Vec<_>>());
+    let mut plot = Plot::new(
+        &along_time,
+        x,
+        Axis::around(quantity.label, values.iter().copied()),
+        (450.0, 190.0),
+    );
+    plot.line(
+        "way",
+        &frames.iter().zip(&values).map(|(f, v)| (seconds(f), *v)).collect::<Vec<_>>(),
+    );
     for (frame, value) in frames.iter().zip(&values) {
         plot.point("b-grey", Shape::Dot, (seconds(frame), *value), &says(frame, *value));
     }
     let caption = format!(
-        "{}. Along time, as the log tells no way over the ground: it has no odometry, no position, and no velocity with an attitude.",
+        "{}. Along time, as the log tells no way over the ground: it has no odometry, no \
+         position, and no velocity with an attitude.",
         quantity.means
     );
     Figure::of(quantity.id, &along_time, Ok(plot.finished(&id)), &caption)

@@ -4,8 +4,8 @@
 //! scatter = 1.4826 · median |d − median d| / √2,  d = ln a − ln b      light of one point in two frames
 //! ```
 //!
-//! divided by the spread between points, as contrast that is lost lowers both. The median of d is the frames' difference as
-//! a whole, and is said apart.
+//! divided by the spread between points, as contrast that is lost lowers both. The median of d is
+//! the frames' difference as a whole, and is said apart.
 
 use super::{INK, Looked, SOFT};
 use crate::draw::{Canvas, ticks};
@@ -31,7 +31,12 @@ pub struct Usable<'u> {
     clipped_above: f32,
 }
 
-pub fn usable<'u>(here: &'u LinearImage, others: impl Iterator<Item = &'u LinearImage>, dark_below: f32, clipped_above: f32) -> Usable<'u> {
+pub fn usable<'u>(
+    here: &'u LinearImage,
+    others: impl Iterator<Item = &'u LinearImage>,
+    dark_below: f32,
+    clipped_above: f32,
+) -> Usable<'u> {
     Usable { here, others: others.collect(), dark_below, clipped_above }
 }
 
@@ -47,7 +52,8 @@ pub struct Agreement {
 /// Mean of each band around a place; `None` over the edge.
 fn pooled(image: &LinearImage, (u, v): (f64, f64)) -> Option<[f32; 3]> {
     let (x, y) = (u.round() as i64, v.round() as i64);
-    if x < REACH || y < REACH || x + REACH >= image.width as i64 || y + REACH >= image.height as i64 {
+    if x < REACH || y < REACH || x + REACH >= image.width as i64 || y + REACH >= image.height as i64
+    {
         return None;
     }
     let mut sum = [0.0; 3];
@@ -61,8 +67,15 @@ fn pooled(image: &LinearImage, (u, v): (f64, f64)) -> Option<[f32; 3]> {
 }
 
 impl Agreement {
-    /// `scale` takes pixels of the picture to those of `here`; `shown` makes the other frames' pictures.
-    pub fn of(here: &LinearImage, scale: f64, usable: &Usable<'_>, others: &[(&Looked, Pairs)], shown: impl Fn(&Looked) -> LinearImage) -> Self {
+    /// `scale` takes pixels of the picture to those of `here`; `shown` makes the other frames'
+    /// pictures.
+    pub fn of(
+        here: &LinearImage,
+        scale: f64,
+        usable: &Usable<'_>,
+        others: &[(&Looked, Pairs)],
+        shown: impl Fn(&Looked) -> LinearImage,
+    ) -> Self {
         let bands = here.bands;
         let mut points = Vec::new();
         // The centre of the first pixel is (0, 0) at every size.
@@ -72,22 +85,32 @@ impl Agreement {
             for (a, b) in pairs {
                 let (a, b) = (small(*a), small(*b));
                 let measured = |raw: &LinearImage, at| {
-                    pooled(raw, at).filter(|p| p[..bands].iter().all(|v| (usable.dark_below..usable.clipped_above).contains(v)))
+                    pooled(raw, at).filter(|p| {
+                        p[..bands]
+                            .iter()
+                            .all(|v| (usable.dark_below..usable.clipped_above).contains(v))
+                    })
                 };
                 if measured(usable.here, a).is_none() || measured(raw_there, b).is_none() {
                     continue;
                 }
                 if let (Some(p), Some(q)) = (pooled(here, a), pooled(&there, b)) {
-                    let logs = (0..bands).map(|band| (f64::from(p[band]).ln(), f64::from(q[band]).ln(), band));
+                    let logs = (0..bands)
+                        .map(|band| (f64::from(p[band]).ln(), f64::from(q[band]).ln(), band));
                     points.extend(logs.filter(|(p, q, _)| p.is_finite() && q.is_finite()));
                 }
             }
         }
-        let why_none = if others.is_empty() { "no overlap with other frames" } else { "points are too dark or clipped" };
+        let why_none = if others.is_empty() {
+            "no overlap with other frames"
+        } else {
+            "points are too dark or clipped"
+        };
         Self { points, bands, why_none }
     }
 
-    /// Scatter, over the spread between points, and the whole frames' difference; medians over bands.
+    /// Scatter, over the spread between points, and the whole frames' difference; medians over
+    /// bands.
     pub fn numbers(&self) -> Option<(f64, f64, f64)> {
         let of_band = |band: usize| {
             let points: Vec<_> = self.points.iter().filter(|p| p.2 == band).collect();
@@ -96,7 +119,8 @@ impl Agreement {
             }
             let differences: Vec<f64> = points.iter().map(|(p, q, _)| p - q).collect();
             let (shift, width) = robust(&differences);
-            let (_, spread) = robust(&points.iter().map(|(p, q, _)| (p + q) / 2.0).collect::<Vec<_>>());
+            let (_, spread) =
+                robust(&points.iter().map(|(p, q, _)| (p + q) / 2.0).collect::<Vec<_>>());
             let scatter = width / std::f64::consts::SQRT_2;
             Some((scatter, scatter / spread.max(1e-9), shift.abs()))
         };
@@ -132,12 +156,23 @@ impl Agreement {
         }
         canvas.line((left as f64, (top + SIDE) as f64), ((left + SIDE) as f64, top as f64), SOFT);
         let step = self.points.len().div_ceil(MOST_DRAWN).max(1);
-        for (p, q, band) in self.points.iter().step_by(step).filter(|(p, q, _)| (from..to).contains(p) && (from..to).contains(q)) {
+        for (p, q, band) in self
+            .points
+            .iter()
+            .step_by(step)
+            .filter(|(p, q, _)| (from..to).contains(p) && (from..to).contains(q))
+        {
             let color = if self.bands == 1 { INK } else { BANDS[*band] };
-            canvas.fill((left + place(*p) as i64 - 1, top + SIDE - place(*q) as i64 - 1), (2, 2), color);
+            canvas.fill(
+                (left + place(*p) as i64 - 1, top + SIDE - place(*q) as i64 - 1),
+                (2, 2),
+                color,
+            );
         }
         for k in 0..SIDE {
-            [(left + k, top), (left + k, top + SIDE), (left, top + k), (left + SIDE, top + k)].iter().for_each(|(x, y)| canvas.set(*x, *y, SOFT));
+            [(left + k, top), (left + k, top + SIDE), (left, top + k), (left + SIDE, top + k)]
+                .iter()
+                .for_each(|(x, y)| canvas.set(*x, *y, SOFT));
         }
         canvas.text((x, top + SIDE + 30), 2, SOFT, "ln light: right here, up in others");
         let words = [
@@ -172,21 +207,32 @@ fn median(mut values: Vec<f64>) -> f64 {
 mod tests {
     use super::*;
 
-    /// Two frames that differ by a factor and by a scatter of known width; a method that takes half of the contrast away
-    /// halves the scatter, but not scatter over spread.
+    /// Two frames that differ by a factor and by a scatter of known width; a method that takes half
+    /// of the contrast away halves the scatter, but not scatter over spread.
     #[test]
     fn the_numbers_are_what_they_say() {
         let points = |contrast: f64| {
             let random = |k: usize, seed: f64| ((k as f64 * seed).sin() * 43_758.545_3).fract();
             let point = |k: usize| {
                 let floor = random(k, 3.711);
-                (contrast * (floor + 0.1 * random(k, 12.9898)), contrast * (floor + 0.1 * random(k, 78.233)) + 0.3, 0)
+                (
+                    contrast * (floor + 0.1 * random(k, 12.9898)),
+                    contrast * (floor + 0.1 * random(k, 78.233)) + 0.3,
+                    0,
+                )
             };
             Agreement { points: (0..4000).map(point).collect(), bands: 1, why_none: "" }
         };
-        let (whole, half) = (points(1.0).numbers().expect("many"), points(0.5).numbers().expect("many"));
+        let (whole, half) =
+            (points(1.0).numbers().expect("many"), points(0.5).numbers().expect("many"));
         assert!((whole.2 - 0.3).abs() < 0.02, "{whole:?}");
-        assert!((whole.0 / half.0 - 2.0).abs() < 0.1 && (whole.1 / half.1 - 1.0).abs() < 0.05, "{whole:?} {half:?}");
-        assert_eq!(Agreement { points: Vec::new(), bands: 3, why_none: "no overlap" }.numbers(), None);
+        assert!(
+            (whole.0 / half.0 - 2.0).abs() < 0.1 && (whole.1 / half.1 - 1.0).abs() < 0.05,
+            "{whole:?} {half:?}"
+        );
+        assert_eq!(
+            Agreement { points: Vec::new(), bands: 3, why_none: "no overlap" }.numbers(),
+            None
+        );
     }
 }

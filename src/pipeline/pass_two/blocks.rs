@@ -1,4 +1,5 @@
-//! A block of the log on its way through pass two: as a whole where nothing in it is left out, else message by message.
+//! A block of the log on its way through pass two: as a whole where nothing in it is left out, else
+//! message by message.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +9,8 @@ use crate::error::{Error, Result};
 use crate::image::transfer::SrgbTable;
 use crate::recording::{Block, Entry, Message, Output, PackedChunk};
 
-/// What a block gives, in its order. `in_chunk` is true of a message that goes through in a chunk as it is.
+/// What a block gives, in its order. `in_chunk` is true of a message that goes through in a chunk
+/// as it is.
 pub enum Item {
     Chunk { chunk: PackedChunk, has_frames: bool },
     Frame { camera: usize, message: Message, in_chunk: bool },
@@ -32,7 +34,8 @@ pub enum Outcome {
     Failed(Error),
 }
 
-/// What is under way weighs so much, frames so much that there are [`FRAMES_PER_CORE`] for each core.
+/// What is under way weighs so much, frames so much that there are [`FRAMES_PER_CORE`] for each
+/// core.
 pub const UNDER_WAY: usize = 32 << 20;
 pub const FRAMES_PER_CORE: usize = 2;
 
@@ -41,13 +44,19 @@ impl PassTwo<'_> {
     pub(super) fn items(&self, block: &Block, kept: &BTreeMap<u16, bool>) -> Result<Vec<Item>> {
         let contents = self.recording.read(block, self.window)?;
         let is_kept = |channel: &u16| kept.get(channel).copied().unwrap_or(false);
-        let whole =
-            contents.chunk.filter(|chunk| Output::takes(self.config.output.compression, chunk) && chunk.messages.iter().all(|m| is_kept(&m.0)));
+        let whole = contents.chunk.filter(|chunk| {
+            Output::takes(self.config.output.compression, chunk)
+                && chunk.messages.iter().all(|m| is_kept(&m.0))
+        });
         let in_chunk = whole.is_some();
         let mut items = Vec::new();
         for entry in contents.entries {
             let Entry::Message(message) = entry else { continue }; // damage: the scan has listed it
-            match self.cameras.iter().position(|c| c.survey.camera_channels.contains(&message.channel)) {
+            match self
+                .cameras
+                .iter()
+                .position(|c| c.survey.camera_channels.contains(&message.channel))
+            {
                 Some(camera) => items.push(Item::Frame { camera, message, in_chunk }),
                 None if !in_chunk && is_kept(&message.channel) => items.push(Item::Other(message)),
                 None => {}
@@ -60,16 +69,26 @@ impl PassTwo<'_> {
     }
 
     /// An item as work, with its weight; frames are numbered as they come.
-    pub(super) fn job(&self, item: Item, next_frame: &mut [usize], threads: usize) -> (usize, Job<Frame, Outcome>) {
+    pub(super) fn job(
+        &self,
+        item: Item,
+        next_frame: &mut [usize],
+        threads: usize,
+    ) -> (usize, Job<Frame, Outcome>) {
         match item {
             // The frames of a chunk stand for it.
-            Item::Chunk { chunk, has_frames } => (if has_frames { 0 } else { chunk.record.len() }, Job::Done(Outcome::Chunk(chunk))),
+            Item::Chunk { chunk, has_frames } => {
+                (if has_frames { 0 } else { chunk.record.len() }, Job::Done(Outcome::Chunk(chunk)))
+            }
             Item::Other(message) => (message.data().len() + 64, Job::Done(Outcome::Other(message))),
             Item::Failed(error) => (0, Job::Done(Outcome::Failed(error))),
             Item::Frame { camera, message, in_chunk } => {
                 let index = next_frame[camera];
                 next_frame[camera] += 1;
-                (UNDER_WAY / (FRAMES_PER_CORE * threads), Job::Work(Frame { camera, index, message, in_chunk }))
+                (
+                    UNDER_WAY / (FRAMES_PER_CORE * threads),
+                    Job::Work(Frame { camera, index, message, in_chunk }),
+                )
             }
         }
     }

@@ -1,4 +1,5 @@
-//! The messages that go with every frame: corrected picture, parameters, plots, and at the first frame what the run found.
+//! The messages that go with every frame: corrected picture, parameters, plots, and at the first
+//! frame what the run found.
 
 use super::tally::Tally;
 use super::{Added, Done, OfCamera};
@@ -12,7 +13,14 @@ use crate::units::Stamp;
 
 impl OfCamera<'_> {
     /// Writes all that belongs to a frame; the number of messages.
-    pub(super) fn write_frame(&self, out: &mut Output, added: &Added, done: &Done, is_first: bool, tally: &Tally) -> u64 {
+    pub(super) fn write_frame(
+        &self,
+        out: &mut Output,
+        added: &Added,
+        done: &Done,
+        is_first: bool,
+        tally: &Tally,
+    ) -> u64 {
         let (log_time, publish_time) = (done.message.log_time, done.message.publish_time);
         let mut count = 0;
         let mut put = |out: &mut Output, channel: NewChannel, data: &[u8]| {
@@ -26,7 +34,11 @@ impl OfCamera<'_> {
             }
             put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading));
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
-            put(out, added.beam_picture, &output::compressed_image(self.wire, &done.heading, "png", &picture));
+            put(
+                out,
+                added.beam_picture,
+                &output::compressed_image(self.wire, &done.heading, "png", &picture),
+            );
         }
         if let (Some(channel), Some(preview)) = (added.raw_preview, &done.preview) {
             put(out, channel, preview);
@@ -40,19 +52,41 @@ impl OfCamera<'_> {
                 put(out, channel, mask);
             }
             if let Some(channel) = added.camera_info {
-                put(out, channel, &output::camera_info(self.wire, &done.heading, &self.survey.rig.camera.rectified()));
+                put(
+                    out,
+                    channel,
+                    &output::camera_info(
+                        self.wire,
+                        &done.heading,
+                        &self.survey.rig.camera.rectified(),
+                    ),
+                );
             }
         }
         put(out, added.strobe, &self.strobe_pose(&done.heading));
         let (alpha, std) = self.attenuation_at(stamp);
-        let attenuation = output::headed(self.wire, &done.heading).f64_array(&padded(&alpha)).f64_array(&padded(&std));
-        put(out, added.attenuation, &attenuation.u8(u8::from(self.file.attenuation_kind == "physical")).u8(u8::from(self.file.identified)).finish());
+        let attenuation = output::headed(self.wire, &done.heading)
+            .f64_array(&padded(&alpha))
+            .f64_array(&padded(&std));
+        put(
+            out,
+            added.attenuation,
+            &attenuation
+                .u8(u8::from(self.file.attenuation_kind == "physical"))
+                .u8(u8::from(self.file.identified))
+                .finish(),
+        );
         put(out, added.plot_attenuation, &output::multi_array(self.wire, "red_green_blue", &alpha));
         if let Some(plane) = &done.plane {
             let rig = &self.survey.rig;
             let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
-            let altitude = plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
-            let tilt = normal.dot(&Direction::<Optical>::boresight().vector()).clamp(-1.0, 1.0).acos().to_degrees();
+            let altitude = plane.distance_m
+                - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+            let tilt = normal
+                .dot(&Direction::<Optical>::boresight().vector())
+                .clamp(-1.0, 1.0)
+                .acos()
+                .to_degrees();
             let seafloor = output::headed(self.wire, &done.heading)
                 .f64s(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
                 .u32(plane.hits as u32)
@@ -61,31 +95,44 @@ impl OfCamera<'_> {
             put(out, added.seafloor, &seafloor.finish());
             put(out, added.transform, &self.seafloor_transform(&done.heading, plane));
             put(out, added.strobe_beam, &self.strobe_beam(&done.heading, plane));
-            put(out, added.plot_altitude, &output::multi_array(self.wire, "camera_altitude_m", &[altitude]));
-            put(out, added.plot_residual, &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]));
+            put(
+                out,
+                added.plot_altitude,
+                &output::multi_array(self.wire, "camera_altitude_m", &[altitude]),
+            );
+            put(
+                out,
+                added.plot_residual,
+                &output::multi_array(self.wire, "seafloor_residual_m", &[plane.residual_m]),
+            );
         }
         let (corrected, reason, facts) = match &done.result {
             Ok(shown) => (true, String::new(), shown.facts),
             Err(reason) => (false, reason.to_string(), UNKNOWN),
         };
-        let frame = output::headed(self.wire, &done.heading).u8(u8::from(corrected)).text(&reason).f64s(&[
-            facts.camera_altitude_m,
-            facts.path_length_min_m,
-            facts.path_length_mean_m,
-            facts.path_length_max_m,
-            facts.clipped_input_share,
-            facts.clipped_output_share,
-            facts.gain_capped_share,
-            facts.off_surface_share,
-            facts.unseen_beam_share,
-            facts.mean_gain,
-            facts.low_signal_share,
-        ]);
+        let frame =
+            output::headed(self.wire, &done.heading).u8(u8::from(corrected)).text(&reason).f64s(&[
+                facts.camera_altitude_m,
+                facts.path_length_min_m,
+                facts.path_length_mean_m,
+                facts.path_length_max_m,
+                facts.clipped_input_share,
+                facts.clipped_output_share,
+                facts.gain_capped_share,
+                facts.off_surface_share,
+                facts.unseen_beam_share,
+                facts.mean_gain,
+                facts.low_signal_share,
+            ]);
         put(out, added.frame, &frame.finish());
         if let Err(reason) = &done.result
             && tally.uncorrected.get(&reason.to_string()) == Some(&1)
         {
-            put(out, added.log, &output::log(self.wire, stamp, Level::Warn, &format!("not corrected: {reason}")));
+            put(
+                out,
+                added.log,
+                &output::log(self.wire, stamp, Level::Warn, &format!("not corrected: {reason}")),
+            );
         }
         count
     }
@@ -95,16 +142,38 @@ impl OfCamera<'_> {
         let bands = self.model.bands;
         match (self.model.over_time.at(stamp), self.model.over_time.std_at(stamp)) {
             (Some(alpha), Some(std)) => (alpha[..bands].to_vec(), std[..bands].to_vec()),
-            _ => (self.file.attenuation_per_m.clone(), self.file.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect()),
+            _ => (
+                self.file.attenuation_per_m.clone(),
+                self.file.attenuation_std_per_m.iter().map(|s| s.unwrap_or(f64::NAN)).collect(),
+            ),
         }
     }
 
     fn opening_lines(&self) -> Vec<(Level, String)> {
         let (alpha, kind) = (self.file.attenuation_text(), &self.file.attenuation_kind);
-        let mut lines = vec![(Level::Info, format!("{kind} attenuation {alpha} per metre, by the {} estimator", self.file.estimator))];
-        lines.extend(self.file.not_identified_because.iter().map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))));
-        lines.extend(self.survey.warnings.iter().chain(self.model_warnings).map(|w| (Level::Warn, w.clone())));
-        let followed = |s: &LightSettingFile| format!("{} ({}): the frames' light follows it as {}", s.topic, s.name, s.law.word());
+        let mut lines = vec![(
+            Level::Info,
+            format!(
+                "{kind} attenuation {alpha} per metre, by the {} estimator",
+                self.file.estimator
+            ),
+        )];
+        lines.extend(
+            self.file
+                .not_identified_because
+                .iter()
+                .map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))),
+        );
+        lines.extend(
+            self.survey
+                .warnings
+                .iter()
+                .chain(self.model_warnings)
+                .map(|w| (Level::Warn, w.clone())),
+        );
+        let followed = |s: &LightSettingFile| {
+            format!("{} ({}): the frames' light follows it as {}", s.topic, s.name, s.law.word())
+        };
         lines.extend(self.file.light_settings.iter().map(|s| (Level::Info, followed(s))));
         lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));
         lines
@@ -114,8 +183,13 @@ impl OfCamera<'_> {
         let beam = &self.model.beam_pattern;
         let nodes = beam.nodes();
         let angles: Vec<f64> = (0..nodes.count).map(|i| nodes.angle(i).to_degrees()).collect();
-        let log_gain: Vec<f64> = beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
-        output::headed(self.wire, heading).f64_sequence(&angles).f64_sequence(&angles).f64_sequence(&log_gain).finish()
+        let log_gain: Vec<f64> =
+            beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
+        output::headed(self.wire, heading)
+            .f64_sequence(&angles)
+            .f64_sequence(&angles)
+            .f64_sequence(&log_gain)
+            .finish()
     }
 }
 

@@ -68,9 +68,16 @@ impl OfCamera<'_> {
     pub(super) fn empty_report(&self, recording: &Recording) -> Report {
         Report {
             version: env!("CARGO_PKG_VERSION").into(),
-            source: recording.path().file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+            source: recording
+                .path()
+                .file_name()
+                .map(|n| n.to_string_lossy().into_owned())
+                .unwrap_or_default(),
             camera_topic: self.survey.camera_topic.clone(),
-            corrected_topic: corrected_topic(&self.survey.camera_topic, self.container() != Container::Raw),
+            corrected_topic: corrected_topic(
+                &self.survey.camera_topic,
+                self.container() != Container::Raw,
+            ),
             dvl_topic: self.survey.dvl_topic.clone(),
             method: method_name(self.config.render.method).into(),
             remarks: self.survey.remarks.clone(),
@@ -80,7 +87,12 @@ impl OfCamera<'_> {
                 .iter()
                 .chain(self.model_warnings)
                 .cloned()
-                .chain(self.file.not_identified_because.iter().map(|why| format!("attenuation is not identified: {why}")))
+                .chain(
+                    self.file
+                        .not_identified_because
+                        .iter()
+                        .map(|why| format!("attenuation is not identified: {why}")),
+                )
                 .collect(),
             ..Report::default()
         }
@@ -88,27 +100,50 @@ impl OfCamera<'_> {
 
     pub(super) fn add_channels(&self, out: &mut Output) -> Result<Added> {
         let mut add = |topic: &str, kind: OutputType| {
-            let WrittenSchema { name, encoding, data, message_encoding } = kind.schema_in(self.wire);
-            out.add_channel(topic, message_encoding, &Schema { name, encoding: encoding.into(), data })
+            let WrittenSchema { name, encoding, data, message_encoding } =
+                kind.schema_in(self.wire);
+            out.add_channel(
+                topic,
+                message_encoding,
+                &Schema { name, encoding: encoding.into(), data },
+            )
         };
         let ours = |name: &str| format!("/unwater{}/{name}", self.place);
         let compressed = self.container() != Container::Raw;
         let corrected = corrected_topic(&self.survey.camera_topic, compressed);
         Ok(Added {
-            corrected: add(&corrected, if compressed { output::COMPRESSED_IMAGE } else { output::IMAGE })?,
+            corrected: add(
+                &corrected,
+                if compressed { output::COMPRESSED_IMAGE } else { output::IMAGE },
+            )?,
             camera_info: if self.config.render.rectify {
-                Some(add(&(corrected_topic(&self.survey.camera_topic, false) + "/camera_info"), output::CAMERA_INFO)?)
+                Some(add(
+                    &(corrected_topic(&self.survey.camera_topic, false) + "/camera_info"),
+                    output::CAMERA_INFO,
+                )?)
             } else {
                 None
             },
-            mask: if self.config.render.mask { Some(add(&ours("mask/compressed"), output::COMPRESSED_IMAGE)?) } else { None },
+            mask: if self.config.render.mask {
+                Some(add(&ours("mask/compressed"), output::COMPRESSED_IMAGE)?)
+            } else {
+                None
+            },
             attenuation: add(&ours("attenuation"), output::ATTENUATION)?,
             seafloor: add(&ours("seafloor"), output::SEAFLOOR)?,
-            cloud: if self.config.output.seafloor_points_across > 0 { Some(add(&ours("seafloor/cloud"), output::POINT_CLOUD)?) } else { None },
+            cloud: if self.config.output.seafloor_points_across > 0 {
+                Some(add(&ours("seafloor/cloud"), output::POINT_CLOUD)?)
+            } else {
+                None
+            },
             transform: add(&ours("seafloor/transform"), output::TRANSFORM)?,
             strobe: add(&ours("strobe"), output::POSE)?,
             strobe_beam: add(&ours("strobe/beam"), output::POINT_CLOUD)?,
-            raw_preview: if self.needs_preview() { Some(add(&ours("raw/compressed"), output::COMPRESSED_IMAGE)?) } else { None },
+            raw_preview: if self.needs_preview() {
+                Some(add(&ours("raw/compressed"), output::COMPRESSED_IMAGE)?)
+            } else {
+                None
+            },
             beam_pattern: add(&ours("beam_pattern"), output::BEAM_PATTERN)?,
             beam_picture: add(&ours("beam_pattern/picture/compressed"), output::COMPRESSED_IMAGE)?,
             frame: add(&ours("frame"), output::FRAME)?,
@@ -126,34 +161,60 @@ impl OfCamera<'_> {
         let mut said = Heading::default();
         let (mut plane, mut preview) = (None, None);
         let result = (|| {
-            let decoder = self.scan.decoders.get(&message.channel).ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
+            let decoder = self
+                .scan
+                .decoders
+                .get(&message.channel)
+                .ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
             let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
             said = heading(&value);
-            let Kind::Picture(read) = decoder.message_type.kind else { return Err(Reason::Undecodable("no picture".into())) };
+            let Kind::Picture(read) = decoder.message_type.kind else {
+                return Err(Reason::Undecodable("no picture".into()));
+            };
             let Survey { white_level, response, .. } = self.survey;
-            let light = Light { transfer: self.config.light.transfer, white_level: *white_level, response: response.as_ref() };
+            let light = Light {
+                transfer: self.config.light.transfer,
+                white_level: *white_level,
+                response: response.as_ref(),
+            };
             let picture = read(&value).map_err(Reason::Undecodable)?;
-            let codes = decode::codes_in(&picture, light, std::mem::take(&mut memory.codes)).map_err(Reason::Undecodable)?;
+            let codes = decode::codes_in(&picture, light, std::mem::take(&mut memory.codes))
+                .map_err(Reason::Undecodable)?;
             let (width, height, bands) = (codes.width, codes.height, codes.bands());
             let flat_field = self.survey.flat_field.as_ref();
-            flat_field.map_or(Ok(()), |flat| flat.ensure_fits(width, height)).map_err(|_sizes| Reason::WrongSize)?;
+            flat_field
+                .map_or(Ok(()), |flat| flat.ensure_fits(width, height))
+                .map_err(|_sizes| Reason::WrongSize)?;
             if self.needs_preview() {
                 preview = Some(self.preview(&said, &codes, srgb).map_err(Reason::Unencodable)?);
             }
             let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
-            let found = self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor).map_err(|e| match e {
-                NoSeafloor::NoPing { .. } => Reason::NoPing,
-                NoSeafloor::NoReturn => Reason::NoReturn,
-                NoSeafloor::Impossible => Reason::ImpossiblePlane,
-            })?;
+            let found = self
+                .survey
+                .pings
+                .seafloor(stamp, &self.survey.rig, &self.config.seafloor)
+                .map_err(|e| match e {
+                    NoSeafloor::NoPing { .. } => Reason::NoPing,
+                    NoSeafloor::NoReturn => Reason::NoReturn,
+                    NoSeafloor::Impossible => Reason::ImpossiblePlane,
+                })?;
             plane = Some(found);
-            let camera = self.survey.rig.camera.scaled_to(width, height).ok_or(Reason::WrongSize)?;
+            let camera =
+                self.survey.rig.camera.scaled_to(width, height).ok_or(Reason::WrongSize)?;
             if bands != self.model.bands {
-                return Err(Reason::Undecodable(format!("it has {bands} bands, the model {}", self.model.bands)));
+                return Err(Reason::Undecodable(format!(
+                    "it has {bands} bands, the model {}",
+                    self.model.bands
+                )));
             }
             let relief = self.survey.pings.relief(stamp, &found, &self.survey.rig);
             let rectified = self.config.render.rectify.then(|| camera.rectified());
-            let view = View { camera: &camera, rig: &self.survey.rig, plane: &found, relief: relief.as_ref() };
+            let view = View {
+                camera: &camera,
+                rig: &self.survey.rig,
+                plane: &found,
+                relief: relief.as_ref(),
+            };
             let now = self.correction.model.at(stamp);
             let noise = Noise::of(&codes.coding, light, self.correction.electrons);
             let frame = Frame {
@@ -168,10 +229,14 @@ impl OfCamera<'_> {
             samples.clear();
             samples.reserve(width * height * bands * usize::from(self.config.render.depth / 8));
             let take = |row: &mut [f32]| match self.config.render.depth {
-                16 => samples.extend(row.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes())),
+                16 => samples
+                    .extend(row.iter().flat_map(|v| {
+                        ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()
+                    })),
                 _ => srgb.codes(row, &mut samples),
             };
-            let Corrected { mask, facts } = Correction { model: &now, ..self.correction }.apply(&frame, take);
+            let Corrected { mask, facts } =
+                Correction { model: &now, ..self.correction }.apply(&frame, take);
             if facts.off_surface_share >= 1.0 {
                 return Err(Reason::OffSurface);
             }
@@ -180,11 +245,33 @@ impl OfCamera<'_> {
             let (width, height) = rectified.map_or((width, height), |c| (c.width, c.height));
             let shown = || -> std::result::Result<Shown, String> {
                 let png = |mask: Vec<u8>| encode::png(&mask, width, height, 1, 8);
-                let mask = mask.map(png).transpose()?.map(|png| output::compressed_image(self.wire, &said, "png", &png));
+                let mask = mask
+                    .map(png)
+                    .transpose()?
+                    .map(|png| output::compressed_image(self.wire, &said, "png", &png));
                 let view = View { camera: rectified.as_ref().unwrap_or(&camera), ..view };
-                let shown = Shown8 { samples: &samples, width, height, bands, depth: self.config.render.depth, srgb };
-                let cloud = (self.config.output.seafloor_points_across > 0).then(|| self.seafloor_cloud(&said, &shown, &view));
-                Ok(Shown { picture: self.encoded(&said, &samples, (width, height, bands), container, subsampled)?, mask, cloud, facts })
+                let shown = Shown8 {
+                    samples: &samples,
+                    width,
+                    height,
+                    bands,
+                    depth: self.config.render.depth,
+                    srgb,
+                };
+                let cloud = (self.config.output.seafloor_points_across > 0)
+                    .then(|| self.seafloor_cloud(&said, &shown, &view));
+                Ok(Shown {
+                    picture: self.encoded(
+                        &said,
+                        &samples,
+                        (width, height, bands),
+                        container,
+                        subsampled,
+                    )?,
+                    mask,
+                    cloud,
+                    facts,
+                })
             };
             let shown = shown().map_err(Reason::Unencodable);
             memory.samples = samples;
@@ -208,11 +295,21 @@ impl OfCamera<'_> {
                 self.wire,
                 heading,
                 "jpeg",
-                &encode::jpeg(samples, width, height, bands, self.config.render.jpeg_quality, subsampled)?,
+                &encode::jpeg(
+                    samples,
+                    width,
+                    height,
+                    bands,
+                    self.config.render.jpeg_quality,
+                    subsampled,
+                )?,
             ),
-            Container::Png => {
-                output::compressed_image(self.wire, heading, "png", &encode::png(samples, width, height, bands, self.config.render.depth)?)
-            }
+            Container::Png => output::compressed_image(
+                self.wire,
+                heading,
+                "png",
+                &encode::png(samples, width, height, bands, self.config.render.depth)?,
+            ),
             Container::Raw => {
                 let encoding = match (bands, deep) {
                     (1, false) => "mono8",
@@ -221,8 +318,20 @@ impl OfCamera<'_> {
                     (_, true) => "rgb16",
                 };
                 let is_swapped = deep && cfg!(target_endian = "big");
-                let samples = if is_swapped { samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect() } else { Cow::Borrowed(samples) };
-                output::image(self.wire, heading, width, height, encoding, samples.len() / height.max(1), &samples)
+                let samples = if is_swapped {
+                    samples.chunks_exact(2).flat_map(|c| [c[1], c[0]]).collect()
+                } else {
+                    Cow::Borrowed(samples)
+                };
+                output::image(
+                    self.wire,
+                    heading,
+                    width,
+                    height,
+                    encoding,
+                    samples.len() / height.max(1),
+                    &samples,
+                )
             }
         })
     }

@@ -45,6 +45,10 @@ impl Tally {
         report.uncorrected = self.uncorrected;
         report.planes = self.planes;
         report.camera_altitude_m = self.altitude;
-        report.mean_shares = self.shares.into_iter().map(|(k, v)| (k.into(), v / self.corrected.max(1) as f64)).collect();
+        report.mean_shares = self
+            .shares
+            .into_iter()
+            .map(|(k, v)| (k.into(), v / self.corrected.max(1) as f64))
+            .collect();
     }
 }

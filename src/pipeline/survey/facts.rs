@@ -11,23 +11,43 @@ use super::lights::strobe_mount;
 use super::mounts::Mounts;
 use super::{Selection, channels_of, checks};
 
-/// What is known of the camera and the strobe where a log has no ranges: the pictures' size, a calibration, the mounts.
-pub fn facts_without_ranges(recording: &Recording, scan: &Scan, selection: &Selection, given: &RigFile) -> RigFile {
-    let Ok(topic) = choose_camera(recording, scan, selection, &mut Vec::new()) else { return RigFile::default() };
+/// What is known of the camera and the strobe where a log has no ranges: the pictures' size, a
+/// calibration, the mounts.
+pub fn facts_without_ranges(
+    recording: &Recording,
+    scan: &Scan,
+    selection: &Selection,
+    given: &RigFile,
+) -> RigFile {
+    let Ok(topic) = choose_camera(recording, scan, selection, &mut Vec::new()) else {
+        return RigFile::default();
+    };
     let ids = channels_of(recording, scan, &topic, |k| matches!(k, Kind::Picture(_)));
     let of_camera: Vec<&ChannelScan> = ids.iter().filter_map(|id| scan.channels.get(id)).collect();
     let picture = of_camera.iter().find_map(|c| c.picture);
     let mut camera = match checks::nearest_calibration(recording, scan, &topic, picture) {
         Some(camera) => CameraFacts::of(&camera),
-        None => CameraFacts { width: picture.map(|p| p.0), height: picture.map(|p| p.1), ..CameraFacts::default() },
+        None => CameraFacts {
+            width: picture.map(|p| p.0),
+            height: picture.map(|p| p.1),
+            ..CameraFacts::default()
+        },
     };
     let mounts = Mounts::new(recording, scan);
-    let camera_frame = of_camera.iter().map(|c| c.frame_id.as_str()).find(|f| !f.is_empty()).unwrap_or_default();
+    let camera_frame =
+        of_camera.iter().map(|c| c.frame_id.as_str()).find(|f| !f.is_empty()).unwrap_or_default();
     let (body_frame, pose) = mounts.root(camera_frame);
     let mut file = RigFile::default();
     if body_frame != camera_frame {
         camera.mount = Some(MountFacts::of(pose));
-        let strobe = strobe_mount(&mounts, &body_frame, selection, given, Transform::from_isometry(pose), &mut Vec::new());
+        let strobe = strobe_mount(
+            &mounts,
+            &body_frame,
+            selection,
+            given,
+            Transform::from_isometry(pose),
+            &mut Vec::new(),
+        );
         strobe.iter().for_each(|strobe| put_lamps(&mut file, strobe));
     }
     file.camera = camera;
@@ -36,20 +56,31 @@ pub fn facts_without_ranges(recording: &Recording, scan: &Scan, selection: &Sele
 
 /// Where the lamps sit, if that is known.
 fn put_lamps(file: &mut RigFile, strobe: &StrobeMount) {
-    let mounts: Vec<_> = strobe.lamps.poses().map(|(pose, share)| (MountFacts::of(pose), share)).collect();
+    let mounts: Vec<_> =
+        strobe.lamps.poses().map(|(pose, share)| (MountFacts::of(pose), share)).collect();
     match mounts.as_slice() {
         [(one, _)] => file.strobe.mount = strobe.source.as_ref().map(|_| one.clone()),
-        several => file.strobe.lamps = Some(several.iter().map(|(mount, share)| LampFacts::of(mount, *share)).collect()),
+        several => {
+            file.strobe.lamps =
+                Some(several.iter().map(|(mount, share)| LampFacts::of(mount, *share)).collect())
+        }
     }
 }
 
-/// The rig as a rig file, with what the user gave of the instrument: for `init` and for the output's attachment.
+/// The rig as a rig file, with what the user gave of the instrument: for `init` and for the
+/// output's attachment.
 pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
-    let mut file = RigFile { dvl: given.dvl.clone(), time_offset_s: given.time_offset_s.clone(), ..RigFile::default() };
+    let mut file = RigFile {
+        dvl: given.dvl.clone(),
+        time_offset_s: given.time_offset_s.clone(),
+        ..RigFile::default()
+    };
     file.camera = CameraFacts::of(&rig.camera.as_calibrated());
     file.camera.medium = given.camera.medium;
-    (file.camera.vignetting, file.camera.flat_field) = (given.camera.vignetting, given.camera.flat_field.clone());
-    (file.camera.full_well_e, file.camera.read_noise_e) = (given.camera.full_well_e, given.camera.read_noise_e);
+    (file.camera.vignetting, file.camera.flat_field) =
+        (given.camera.vignetting, given.camera.flat_field.clone());
+    (file.camera.full_well_e, file.camera.read_noise_e) =
+        (given.camera.full_well_e, given.camera.read_noise_e);
     file.camera.response.clone_from(&given.camera.response);
     file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));

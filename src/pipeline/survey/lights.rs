@@ -1,4 +1,5 @@
-//! Where a vehicle's light comes from: the rig file's word, else the TF tree's, else the camera's place.
+//! Where a vehicle's light comes from: the rig file's word, else the TF tree's, else the camera's
+//! place.
 
 use super::Selection;
 use super::mounts::Mounts;
@@ -6,10 +7,11 @@ use crate::error::{Error, Result};
 use crate::spaces::{Body, Direction, Optical, Strobe, Transform};
 use crate::vehicle::{Lamps, MOST_LAMPS, RigFile, StrobeMount};
 
-/// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its turn is another
-/// convention's (x ahead) or none.
+/// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its
+/// turn is another convention's (x ahead) or none.
 const LEAST_AHEAD: f64 = 0.4;
-/// Words that say of a TF frame that it is a light, alone or at the end of a longer one (`floodlights_2`), …
+/// Words that say of a TF frame that it is a light, alone or at the end of a longer one
+/// (`floodlights_2`), …
 const LIGHT_WORDS: &[&str] = &["strobe", "flash", "light", "lamp", "led", "lumen"];
 /// … but for these, which are short or end by chance, and …
 const WHOLE_WORDS: &[&str] = &["led", "lamp"];
@@ -35,25 +37,44 @@ pub fn strobe_mount(
     remarks: &mut Vec<String>,
 ) -> Result<StrobeMount> {
     if let Some(facts) = &rig_file.strobe.lamps {
-        let mounts = facts.iter().map(|l| Ok((l.mount(body_from_optical)?, l.strength))).collect::<std::result::Result<Vec<_>, String>>();
+        let mounts = facts
+            .iter()
+            .map(|l| Ok((l.mount(body_from_optical)?, l.strength)))
+            .collect::<std::result::Result<Vec<_>, String>>();
         let lamps = Lamps::several(&mounts.map_err(Error::Rig)?);
-        let lamps = lamps.ok_or_else(|| Error::Rig(format!("strobe.lamps takes 1 to {MOST_LAMPS} lamps with a strength above 0")))?;
+        let lamps = lamps.ok_or_else(|| {
+            Error::Rig(format!(
+                "strobe.lamps takes 1 to {MOST_LAMPS} lamps with a strength above 0"
+            ))
+        })?;
         return Ok(StrobeMount { lamps, source: Some("rig file".into()) });
     }
-    let ahead =
-        |pose: &Transform<Body, Strobe>| (*pose * Direction::boresight()).vector().dot(&(body_from_optical * Direction::boresight()).vector());
+    let ahead = |pose: &Transform<Body, Strobe>| {
+        (*pose * Direction::boresight())
+            .vector()
+            .dot(&(body_from_optical * Direction::boresight()).vector())
+    };
     if let Some(mount) = &rig_file.strobe.mount {
         let pose = mount.transform().map_err(Error::Rig)?;
         if ahead(&pose) < LEAST_AHEAD {
-            remarks.push("by its turn in the rig file the strobe does not shine where the camera looks: its axis is z, see docs/rig.md".into());
+            remarks.push(
+                "by its turn in the rig file the strobe does not shine where the camera looks: \
+                 its axis is z, see docs/rig.md"
+                    .into(),
+            );
         }
         return Ok(StrobeMount { lamps: Lamps::one(pose), source: Some("rig file".into()) });
     }
-    let in_tf = |frame: &str| -> Option<Transform<Body, Strobe>> { mounts.pose_below(body_frame, frame).map(Transform::from_isometry) };
+    let in_tf = |frame: &str| -> Option<Transform<Body, Strobe>> {
+        mounts.pose_below(body_frame, frame).map(Transform::from_isometry)
+    };
     let frames = mounts.frames();
     let lights: Vec<&str> = match &selection.strobe_frame {
         Some(frame) if in_tf(frame).is_none() => {
-            return Err(Error::Usage(format!("--strobe-frame {frame}: the TF tree has {}", frames.join(", "))));
+            return Err(Error::Usage(format!(
+                "--strobe-frame {frame}: the TF tree has {}",
+                frames.join(", ")
+            )));
         }
         Some(frame) => vec![frame.as_str()],
         None => frames.into_iter().filter(|f| is_light(f) && in_tf(f).is_some()).collect(),
@@ -61,10 +82,12 @@ pub fn strobe_mount(
     // `strobe_link` with `strobe_optical_frame` below it is one light, not two.
     let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
     let lights = if optical.is_empty() { lights } else { optical };
-    let mut mounts: Vec<(Transform<Body, Strobe>, f64)> = lights.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
+    let mut mounts: Vec<(Transform<Body, Strobe>, f64)> =
+        lights.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
     if mounts.iter().any(|(pose, _)| ahead(pose) < LEAST_AHEAD) {
         remarks.push(format!(
-            "by its turn in the TF tree no light would shine from {} where the camera looks; it is taken to look as the camera does",
+            "by its turn in the TF tree no light would shine from {} where the camera looks; it \
+             is taken to look as the camera does",
             lights.join(", ")
         ));
         for (pose, _) in &mut mounts {
@@ -75,7 +98,9 @@ pub fn strobe_mount(
     }
     if mounts.len() > 1 {
         remarks.push(format!(
-            "several lights in the TF tree ({}): taken as equally strong and of one beam pattern, {} of them; name the one that shone with --strobe-frame, or strengths under [[strobe.lamps]] in a rig file",
+            "several lights in the TF tree ({}): taken as equally strong and of one beam pattern, \
+             {} of them; name the one that shone with --strobe-frame, or strengths under \
+             [[strobe.lamps]] in a rig file",
             lights.join(", "),
             mounts.len()
         ));
@@ -94,10 +119,25 @@ mod tests {
 
     #[test]
     fn lights_are_told_by_their_names() {
-        for light in ["strobe_link", "strobe1", "Left_Light", "floodlights_2", "led_link", "lumens_port", "flash_optical_frame"] {
+        for light in [
+            "strobe_link",
+            "strobe1",
+            "Left_Light",
+            "floodlights_2",
+            "led_link",
+            "lumens_port",
+            "flash_optical_frame",
+        ] {
             assert!(is_light(light), "{light}");
         }
-        for other in ["flight_controller_link", "ambient_light_sensor_link", "lightware_link", "sled", "base_link", "clamp_link"] {
+        for other in [
+            "flight_controller_link",
+            "ambient_light_sensor_link",
+            "lightware_link",
+            "sled",
+            "base_link",
+            "clamp_link",
+        ] {
             assert!(!is_light(other), "{other}");
         }
     }

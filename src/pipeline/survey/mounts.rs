@@ -18,11 +18,15 @@ impl<'s> Mounts<'s> {
     /// The edges of `/tf_static`, the first of each child.
     pub fn new(recording: &'s Recording, scan: &'s Scan) -> Self {
         let mut edges = BTreeMap::new();
-        // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as it first stood.
+        // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as
+        // it first stood.
         for suffix in ["tf_static", "tf"] {
             for (id, channel) in &scan.channels {
                 if edges.is_empty() || suffix == "tf_static" {
-                    let is_meant = recording.channels.get(id).is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));
+                    let is_meant = recording
+                        .channels
+                        .get(id)
+                        .is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));
                     for edge in channel.edges.iter().filter(|_| is_meant) {
                         edges.entry(edge.child.as_str()).or_insert((edge.parent.as_str(), edge));
                     }
@@ -34,7 +38,8 @@ impl<'s> Mounts<'s> {
 
     /// Names of all frames.
     pub fn frames(&self) -> Vec<&'s str> {
-        let mut names: Vec<&str> = self.edges.iter().flat_map(|(child, (parent, _))| [*child, *parent]).collect();
+        let mut names: Vec<&str> =
+            self.edges.iter().flat_map(|(child, (parent, _))| [*child, *parent]).collect();
         names.sort_unstable();
         names.dedup();
         names

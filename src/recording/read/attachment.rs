@@ -40,12 +40,18 @@ impl Recording {
     /// The attachments, and what could not be read of them.
     pub fn attachments(&self) -> impl Iterator<Item = std::result::Result<Attachment, Damage>> {
         self.attachments.iter().map(|body| {
-            let damage = |reason: String| Damage { offset: body.start, start_ns: 0, end_ns: 0, reason };
-            let attachment = self.attachment(body.clone()).map_err(|e| damage(format!("an attachment cannot be read: {e}")))?;
-            let attachment = attachment.ok_or_else(|| damage("an attachment's lengths do not add up".into()))?;
+            let damage =
+                |reason: String| Damage { offset: body.start, start_ns: 0, end_ns: 0, reason };
+            let attachment = self
+                .attachment(body.clone())
+                .map_err(|e| damage(format!("an attachment cannot be read: {e}")))?;
+            let attachment =
+                attachment.ok_or_else(|| damage("an attachment's lengths do not add up".into()))?;
             match self.attachment_holds(&attachment) {
                 Ok(true) => Ok(attachment),
-                Ok(false) => Err(damage("an attachment cannot be read: its checksum does not hold".into())),
+                Ok(false) => {
+                    Err(damage("an attachment cannot be read: its checksum does not hold".into()))
+                }
                 Err(e) => Err(damage(format!("an attachment cannot be read: {e}"))),
             }
         })
@@ -58,9 +64,17 @@ impl Recording {
             let (media_type, at) = sized_text(&head, at)?;
             let size = u64_at(&head, at)?;
             let data_at = body.start + at as u64 + 8;
-            let fits = data_at.checked_add(size).and_then(|end| end.checked_add(4)) == Some(body.end);
-            let attachment =
-                Attachment { log_time: u64_at(&head, 0)?, create_time: u64_at(&head, 8)?, name, media_type, size, body: body.clone(), data_at };
+            let fits =
+                data_at.checked_add(size).and_then(|end| end.checked_add(4)) == Some(body.end);
+            let attachment = Attachment {
+                log_time: u64_at(&head, 0)?,
+                create_time: u64_at(&head, 8)?,
+                name,
+                media_type,
+                size,
+                body: body.clone(),
+                data_at,
+            };
             fits.then_some(attachment)
         };
         Ok(parsed())
@@ -81,9 +95,14 @@ impl Recording {
     }
 
     /// An attachment's record body as it lies in the file, piece by piece.
-    pub fn attachment_body(&self, attachment: &Attachment) -> impl Iterator<Item = Result<Vec<u8>>> {
+    pub fn attachment_body(
+        &self,
+        attachment: &Attachment,
+    ) -> impl Iterator<Item = Result<Vec<u8>>> {
         let Range { start, end } = attachment.body;
-        (start..end).step_by(STEP as usize).map(move |at| self.source.bytes(at..(at + STEP).min(end)).map_err(|e| self.failed(e)))
+        (start..end)
+            .step_by(STEP as usize)
+            .map(move |at| self.source.bytes(at..(at + STEP).min(end)).map_err(|e| self.failed(e)))
     }
 
     /// An attachment's data.
@@ -91,6 +110,8 @@ impl Recording {
     /// # Errors
     /// The file cannot be read.
     pub fn attachment_data(&self, attachment: &Attachment) -> Result<Vec<u8>> {
-        self.source.bytes(attachment.data_at..attachment.data_at + attachment.size).map_err(|e| self.failed(e))
+        self.source
+            .bytes(attachment.data_at..attachment.data_at + attachment.size)
+            .map_err(|e| self.failed(e))
     }
 }

@@ -1,5 +1,5 @@
-//! A block of a log: a chunk, or messages that lie in a row outside of any. It is read whole, decompressed and checked
-//! when it is asked for, on whichever core, and forgotten.
+//! A block of a log: a chunk, or messages that lie in a row outside of any. It is read whole,
+//! decompressed and checked when it is asked for, on whichever core, and forgotten.
 
 use std::io::{self, Read as _};
 use std::ops::Range;
@@ -36,17 +36,32 @@ impl Block {
         let checked = head.crc != 0;
         let unpacked = if head.compression.is_empty() { 0 } else { head.uncompressed_size };
         let weight = (body.end - body.start).saturating_add(unpacked);
-        Self { place: body, kind: Kind::Chunk { whole, checked }, times: (head.start, head.end), channels: Vec::new(), weight }
+        Self {
+            place: body,
+            kind: Kind::Chunk { whole, checked },
+            times: (head.start, head.end),
+            channels: Vec::new(),
+            weight,
+        }
     }
 
     pub(super) fn bare(records: Range<u64>, log_time: u64, channel: u16) -> Self {
         let weight = records.end - records.start;
-        Self { place: records, kind: Kind::Bare, times: (log_time, log_time), channels: vec![channel], weight }
+        Self {
+            place: records,
+            kind: Kind::Bare,
+            times: (log_time, log_time),
+            channels: vec![channel],
+            weight,
+        }
     }
 
-    /// Whether a bare record belongs to this block: it follows it, and the two are not too long together.
+    /// Whether a bare record belongs to this block: it follows it, and the two are not too long
+    /// together.
     pub(super) fn takes(&self, record: &Range<u64>, most: u64) -> bool {
-        self.kind == Kind::Bare && self.place.end == record.start && record.end - self.place.start <= most
+        self.kind == Kind::Bare
+            && self.place.end == record.start
+            && record.end - self.place.start <= most
     }
 
     pub(super) fn extend(&mut self, end: u64, log_time: u64, channel: u16) {
@@ -94,7 +109,8 @@ pub struct Contents {
     pub entries: Vec<Entry>,
     /// schemas and channels that are declared inside
     pub(super) declared: Vec<Record<'static>>,
-    /// the chunk as it lies in the file, where it holds all that its head says, nothing else, and all of it in the window
+    /// the chunk as it lies in the file, where it holds all that its head says, nothing else, and
+    /// all of it in the window
     pub chunk: Option<PackedChunk>,
 }
 
@@ -128,9 +144,13 @@ impl Recording {
         };
         let body = block.place.clone();
         let record = self.source.bytes(body.start - RECORD_HEAD..body.end)?;
-        let Some(head) = chunk_head(&record[RECORD_HEAD as usize..]) else { return Ok(Contents::default()) };
+        let Some(head) = chunk_head(&record[RECORD_HEAD as usize..]) else {
+            return Ok(Contents::default());
+        };
         let ChunkHead { start, end, uncompressed_size: size, crc, compression, data } = head;
-        let damage = |reason: String| Entry::Damaged(Damage { offset: body.start, start_ns: start, end_ns: end, reason });
+        let damage = |reason: String| {
+            Entry::Damaged(Damage { offset: body.start, start_ns: start, end_ns: end, reason })
+        };
         let data = data.start + RECORD_HEAD as usize..data.end + RECORD_HEAD as usize;
         let ends = data.end == record.len();
         // What lies uncompressed is used where it lies.
@@ -143,21 +163,50 @@ impl Recording {
                     let place = 0..unpacked.len();
                     (Arc::new(unpacked), place, problem)
                 }
-                Err(reason) => return Ok(Contents { entries: vec![damage(reason)], ..Contents::default() }),
+                Err(reason) => {
+                    return Ok(Contents { entries: vec![damage(reason)], ..Contents::default() });
+                }
             }
         };
-        // The tail of a file that was cut short cannot be checked; a whole chunk with a checksum can, and must hold it.
-        if whole && crc != 0 && (problem.is_some() || crc32fast::hash(&buffer[place.clone()]) != crc) {
-            let reason = problem.map_or_else(|| "its checksum does not hold".into(), |p| format!("its checksum cannot hold: {p}"));
-            return Ok(Contents { entries: vec![damage(format!("a damaged chunk is left out: {reason}"))], ..Contents::default() });
+        // The tail of a file that was cut short cannot be checked; a whole chunk with a checksum
+        // can, and must hold it.
+        if whole
+            && crc != 0
+            && (problem.is_some() || crc32fast::hash(&buffer[place.clone()]) != crc)
+        {
+            let reason = problem.map_or_else(
+                || "its checksum does not hold".into(),
+                |p| format!("its checksum cannot hold: {p}"),
+            );
+            return Ok(Contents {
+                entries: vec![damage(format!("a damaged chunk is left out: {reason}"))],
+                ..Contents::default()
+            });
         }
-        let Walked { mut contents, index, times, left_out, broken } = records(&buffer, place.clone(), window);
+        let Walked { mut contents, index, times, left_out, broken } =
+            records(&buffer, place.clone(), window);
         // Without messages it says nothing that is not declared before it.
-        let is_sound = whole && !index.is_empty() && ends && problem.is_none() && broken.is_none() && !left_out && place.len() as u64 == size;
-        if is_sound && times == (start, end) && contents.declared.iter().all(|record| self.declares(record)) {
-            contents.chunk = Some(PackedChunk { record, compression, uncompressed_size: size, times, messages: index });
+        let is_sound = whole
+            && !index.is_empty()
+            && ends
+            && problem.is_none()
+            && broken.is_none()
+            && !left_out
+            && place.len() as u64 == size;
+        if is_sound
+            && times == (start, end)
+            && contents.declared.iter().all(|record| self.declares(record))
+        {
+            contents.chunk = Some(PackedChunk {
+                record,
+                compression,
+                uncompressed_size: size,
+                times,
+                messages: index,
+            });
         }
-        // A chunk of a file that was cut short is already listed once; a whole one that breaks is listed here.
+        // A chunk of a file that was cut short is already listed once; a whole one that breaks is
+        // listed here.
         if whole && let Some(reason) = problem.or(broken.map(String::from)) {
             contents.entries.push(damage(reason));
         }
@@ -172,7 +221,8 @@ struct Walked {
     /// as in [`PackedChunk::messages`]
     index: Vec<(u16, u64, u64)>,
     times: (u64, u64),
-    /// something is not in the contents: a message outside of the window, a declaration that cannot be read
+    /// something is not in the contents: a message outside of the window, a declaration that cannot
+    /// be read
     left_out: bool,
     broken: Option<&'static str>,
 }
@@ -184,8 +234,12 @@ fn records(buffer: &Arc<Vec<u8>>, place: Range<usize>, window: Window) -> Walked
     let mut at = place.start;
     while at < place.end {
         let record = buffer.get(at..at + head).filter(|_| at + head <= place.end);
-        let length = record.map(|h| u64::from_le_bytes([h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]]));
-        let stop = length.and_then(|l| usize::try_from(l).ok()).and_then(|l| (at + head).checked_add(l)).filter(|s| *s <= place.end);
+        let length =
+            record.map(|h| u64::from_le_bytes([h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]]));
+        let stop = length
+            .and_then(|l| usize::try_from(l).ok())
+            .and_then(|l| (at + head).checked_add(l))
+            .filter(|s| *s <= place.end);
         let (Some(record), Some(stop)) = (record, stop) else {
             walked.broken = Some("a chunk ends inside a record; what came before it is used");
             break;
@@ -194,8 +248,15 @@ fn records(buffer: &Arc<Vec<u8>>, place: Range<usize>, window: Window) -> Walked
         match record[0] {
             op::MESSAGE => match Message::parse(buffer, body) {
                 Some(message) if window.holds(message.log_time) => {
-                    walked.index.push((message.channel, message.log_time, (at - place.start) as u64));
-                    walked.times = (walked.times.0.min(message.log_time), walked.times.1.max(message.log_time));
+                    walked.index.push((
+                        message.channel,
+                        message.log_time,
+                        (at - place.start) as u64,
+                    ));
+                    walked.times = (
+                        walked.times.0.min(message.log_time),
+                        walked.times.1.max(message.log_time),
+                    );
                     walked.contents.entries.push(Entry::Message(message));
                 }
                 _ => walked.left_out = true,
@@ -279,13 +340,24 @@ pub fn chunk_head(body: &[u8]) -> Option<ChunkHead> {
 }
 
 /// A chunk's records. What broke, if something did, comes beside as much as could be had.
-fn decompressed(compression: &str, size: u64, compressed: &[u8]) -> std::result::Result<(Vec<u8>, Option<String>), String> {
+fn decompressed(
+    compression: &str,
+    size: u64,
+    compressed: &[u8],
+) -> std::result::Result<(Vec<u8>, Option<String>), String> {
     let reader: Box<dyn io::Read + '_> = match compression {
-        "zstd" => Box::new(zstd::Decoder::new(compressed).map_err(|e| format!("a zstd chunk cannot be opened: {e}"))?),
-        "lz4" => Box::new(lz4::Decoder::new(compressed).map_err(|e| format!("an lz4 chunk cannot be opened: {e}"))?),
+        "zstd" => Box::new(
+            zstd::Decoder::new(compressed)
+                .map_err(|e| format!("a zstd chunk cannot be opened: {e}"))?,
+        ),
+        "lz4" => Box::new(
+            lz4::Decoder::new(compressed)
+                .map_err(|e| format!("an lz4 chunk cannot be opened: {e}"))?,
+        ),
         other => return Err(format!("chunk compression {other:?} is not read")),
     };
-    // The size is the chunk's own word: it bounds the reading but nothing is reserved on its account alone.
+    // The size is the chunk's own word: it bounds the reading but nothing is reserved on its
+    // account alone.
     let mut data = Vec::with_capacity(usize::try_from(size).unwrap_or(0).min(64 << 20));
     let problem = match reader.take(size).read_to_end(&mut data) {
         Ok(_) if (data.len() as u64) < size => Some("a chunk holds less than it says".into()),

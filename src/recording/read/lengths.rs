@@ -1,4 +1,5 @@
-//! Whether the lengths inside a record stay inside it. The parser takes that for granted, and reserves what they claim.
+//! Whether the lengths inside a record stay inside it. The parser takes that for granted, and
+//! reserves what they claim.
 
 use mcap::records::op;
 
@@ -53,7 +54,13 @@ mod tests {
 
     #[test]
     fn a_length_that_reaches_out_of_its_record_is_seen() {
-        let channel = [&[1, 0, 1, 0][..], &[1, 0, 0, 0, b't'], &[1, 0, 0, 0, b'e'], &[10, 0, 0, 0, 1, 0, 0, 0, b'k', 1, 0, 0, 0, b'v']].concat();
+        let channel = [
+            &[1, 0, 1, 0][..],
+            &[1, 0, 0, 0, b't'],
+            &[1, 0, 0, 0, b'e'],
+            &[10, 0, 0, 0, 1, 0, 0, 0, b'k', 1, 0, 0, 0, b'v'],
+        ]
+        .concat();
         assert!(lengths_fit(op::CHANNEL, &channel));
         // every byte of every length, made too large
         for at in [4, 5, 7, 9, 12, 14, 17, 18, 21, 23, 26] {

@@ -70,7 +70,8 @@ impl Recording {
             if opcode == op::FOOTER {
                 // The footer's first number says where the summary begins.
                 self.has_summary = reader.peek(start..start + 8)? != [0; 8];
-                self.is_complete = source.bytes(at..length.min(at + 1 + MAGIC.len() as u64))? == MAGIC;
+                self.is_complete =
+                    source.bytes(at..length.min(at + 1 + MAGIC.len() as u64))? == MAGIC;
                 if !self.is_complete {
                     self.cut(at, "the file does not end as an MCAP should");
                 }
@@ -100,19 +101,25 @@ impl Recording {
                 }
             }
             op::MESSAGE => {
-                let head = reader.peek(body.start..body.end.min(body.start + MESSAGE_HEAD as u64))?;
+                let head =
+                    reader.peek(body.start..body.end.min(body.start + MESSAGE_HEAD as u64))?;
                 if let Some(head) = message_head(head) {
                     self.add_bare(body, head.log_time, head.channel);
                 }
             }
             op::ATTACHMENT => self.attachments.push(body),
-            op::HEADER | op::SCHEMA | op::CHANNEL | op::METADATA if body.end - body.start > LONGEST => {
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::METADATA
+                if body.end - body.start > LONGEST =>
+            {
                 self.cut(body.start, "a record cannot be read: it is too long to be what it says");
             }
             op::HEADER | op::SCHEMA | op::CHANNEL | op::METADATA => {
                 let bytes = reader.peek(body.clone())?;
                 if !lengths_fit(opcode, bytes) {
-                    self.cut(body.start, "a record cannot be read: the lengths inside it do not add up");
+                    self.cut(
+                        body.start,
+                        "a record cannot be read: the lengths inside it do not add up",
+                    );
                     return Ok(());
                 }
                 match mcap::parse_record(opcode, bytes) {
@@ -131,7 +138,14 @@ impl Recording {
         let Some(head) = chunk_head(head) else {
             return self.cut(body.start, "a chunk without a head");
         };
-        *self.compressions.entry(if head.compression.is_empty() { "none".into() } else { head.compression.clone() }).or_default() += 1;
+        *self
+            .compressions
+            .entry(if head.compression.is_empty() {
+                "none".into()
+            } else {
+                head.compression.clone()
+            })
+            .or_default() += 1;
         self.blocks.push(Block::chunk(body, whole, &head));
     }
 
@@ -140,7 +154,9 @@ impl Recording {
         self.bare_messages += 1;
         let record = body.start - RECORD_HEAD..body.end;
         match self.blocks.last_mut() {
-            Some(last) if last.takes(&record, STRETCH) => last.extend(record.end, log_time, channel),
+            Some(last) if last.takes(&record, STRETCH) => {
+                last.extend(record.end, log_time, channel)
+            }
             _ => self.blocks.push(Block::bare(record, log_time, channel)),
         }
     }

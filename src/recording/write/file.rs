@@ -1,5 +1,6 @@
-//! The file that is written: a temporary one beside the output, renamed when complete. Until then nothing stands under
-//! the output's name, and what is unfinished is removed when the run fails or is interrupted.
+//! The file that is written: a temporary one beside the output, renamed when complete. Until then
+//! nothing stands under the output's name, and what is unfinished is removed when the run fails or
+//! is interrupted.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -72,7 +73,8 @@ impl OutputFile {
     pub(super) fn create(target: &Path, profile: &str) -> Result<Self> {
         let name = target.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let temporary = target.with_file_name(format!(".{name}.{}.part", std::process::id()));
-        let file = File::create(&temporary).map_err(|source| Error::Write { path: target.into(), source })?;
+        let file = File::create(&temporary)
+            .map_err(|source| Error::Write { path: target.into(), source })?;
         if let Ok(mut unfinished) = UNFINISHED.lock() {
             *unfinished = Some(temporary.clone());
         }
@@ -88,7 +90,8 @@ impl OutputFile {
             counts: Counts::default(),
         };
         output.put_bytes(MAGIC)?;
-        output.put_bytes(&records::header(profile, concat!("unwater ", env!("CARGO_PKG_VERSION"))))?;
+        output
+            .put_bytes(&records::header(profile, concat!("unwater ", env!("CARGO_PKG_VERSION"))))?;
         Ok(output)
     }
 
@@ -131,10 +134,21 @@ impl OutputFile {
     /// Lists a chunk in the summary.
     fn list(&mut self, chunk: &ChunkFacts, start: u64) {
         let index_at = start + chunk.length;
-        let record = RecordBytes::new(op::CHUNK_INDEX).u64(chunk.times.0).u64(chunk.times.1).u64(start).u64(chunk.length);
+        let record = RecordBytes::new(op::CHUNK_INDEX)
+            .u64(chunk.times.0)
+            .u64(chunk.times.1)
+            .u64(start)
+            .u64(chunk.length);
         let record = record.u32(10 * chunk.channels.len() as u32);
-        let record = chunk.channels.iter().fold(record, |record, (channel, at, _)| record.u16(*channel).u64(index_at + at));
-        let record = record.u64(chunk.index_length).text(&chunk.compression).u64(chunk.compressed_size).u64(chunk.uncompressed_size);
+        let record = chunk
+            .channels
+            .iter()
+            .fold(record, |record, (channel, at, _)| record.u16(*channel).u64(index_at + at));
+        let record = record
+            .u64(chunk.index_length)
+            .text(&chunk.compression)
+            .u64(chunk.compressed_size)
+            .u64(chunk.uncompressed_size);
         self.chunk_indexes.extend(record.done());
         self.counts.chunks += 1;
         for (channel, _, messages) in &chunk.channels {
@@ -169,7 +183,11 @@ impl OutputFile {
     pub fn attach(&mut self, attachment: &NewAttachment<'_>) -> Result<()> {
         let start = self.at;
         let NewAttachment { log_time, create_time, name, media_type, data } = *attachment;
-        let record = RecordBytes::new(op::ATTACHMENT).u64(log_time).u64(create_time).text(name).text(media_type);
+        let record = RecordBytes::new(op::ATTACHMENT)
+            .u64(log_time)
+            .u64(create_time)
+            .text(name)
+            .text(media_type);
         let head = record.u64(data.len() as u64).done_before(data.len() as u64 + 4);
         let mut crc = crc32fast::Hasher::new();
         crc.update(&head[9..]);
@@ -181,8 +199,21 @@ impl OutputFile {
         Ok(())
     }
 
-    fn list_attachment(&mut self, start: u64, log_time: u64, create_time: u64, size: u64, name: &str, media_type: &str) {
-        let record = RecordBytes::new(op::ATTACHMENT_INDEX).u64(start).u64(self.at - start).u64(log_time).u64(create_time).u64(size);
+    fn list_attachment(
+        &mut self,
+        start: u64,
+        log_time: u64,
+        create_time: u64,
+        size: u64,
+        name: &str,
+        media_type: &str,
+    ) {
+        let record = RecordBytes::new(op::ATTACHMENT_INDEX)
+            .u64(start)
+            .u64(self.at - start)
+            .u64(log_time)
+            .u64(create_time)
+            .u64(size);
         self.attachment_indexes.extend(record.text(name).text(media_type).done());
         self.counts.attachments += 1;
     }
@@ -193,7 +224,11 @@ impl OutputFile {
     /// Writing failed.
     pub fn metadata(&mut self, name: &str, pairs: &BTreeMap<String, String>) -> Result<()> {
         let record = records::metadata(name, pairs);
-        let index = RecordBytes::new(op::METADATA_INDEX).u64(self.at).u64(record.len() as u64).text(name).done();
+        let index = RecordBytes::new(op::METADATA_INDEX)
+            .u64(self.at)
+            .u64(record.len() as u64)
+            .text(name)
+            .done();
         self.metadata_indexes.extend(index);
         self.counts.metadata += 1;
         self.put_bytes(&record)
@@ -219,18 +254,32 @@ impl OutputFile {
             .u64(first)
             .u64(last)
             .u32(10 * counts.by_channel.len() as u32);
-        let statistics = counts.by_channel.iter().fold(statistics, |record, (channel, messages)| record.u16(*channel).u64(*messages)).done();
+        let statistics = counts
+            .by_channel
+            .iter()
+            .fold(statistics, |record, (channel, messages)| record.u16(*channel).u64(*messages))
+            .done();
         let groups = [
-            (op::SCHEMA, output.schemas.iter().flat_map(|(id, s)| records::schema(*id, s)).collect()),
-            (op::CHANNEL, output.channels.iter().flat_map(|(id, c)| records::channel(*id, c)).collect()),
+            (
+                op::SCHEMA,
+                output.schemas.iter().flat_map(|(id, s)| records::schema(*id, s)).collect(),
+            ),
+            (
+                op::CHANNEL,
+                output.channels.iter().flat_map(|(id, c)| records::channel(*id, c)).collect(),
+            ),
             (op::STATISTICS, statistics),
             (op::CHUNK_INDEX, std::mem::take(&mut self.chunk_indexes)),
             (op::ATTACHMENT_INDEX, std::mem::take(&mut self.attachment_indexes)),
             (op::METADATA_INDEX, std::mem::take(&mut self.metadata_indexes)),
         ];
         let mut offsets = Vec::new();
-        for (opcode, group) in groups.iter().filter(|(_, group): &&(u8, Vec<u8>)| !group.is_empty()) {
-            let offset = RecordBytes::new(op::SUMMARY_OFFSET).bytes(&[*opcode]).u64(self.at).u64(group.len() as u64);
+        for (opcode, group) in groups.iter().filter(|(_, group): &&(u8, Vec<u8>)| !group.is_empty())
+        {
+            let offset = RecordBytes::new(op::SUMMARY_OFFSET)
+                .bytes(&[*opcode])
+                .u64(self.at)
+                .u64(group.len() as u64);
             offsets.extend(offset.done());
             self.put_bytes(group)?;
         }
@@ -256,7 +305,8 @@ impl OutputFile {
 
 impl Drop for OutputFile {
     fn drop(&mut self) {
-        // The file is closed first; after `finish` succeeded there is nothing unfinished left to remove.
+        // The file is closed first; after `finish` succeeded there is nothing unfinished left to
+        // remove.
         drop(self.file.take());
         remove_unfinished();
     }

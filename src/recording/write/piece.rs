@@ -1,4 +1,5 @@
-//! What the output is made of, in order: each piece becomes bytes on whichever core, and is written when its turn comes.
+//! What the output is made of, in order: each piece becomes bytes on whichever core, and is written
+//! when its turn comes.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write as _};
@@ -87,11 +88,27 @@ impl Piece {
     pub fn into_bytes(self) -> io::Result<PieceBytes> {
         let (mut parts, facts, messages) = match self.0 {
             Kind::Bare(records) => (vec![Arc::new(records)], None, Vec::new()),
-            Kind::Packed(PackedChunk { record, compression, uncompressed_size, times, messages }) => {
-                // Before the compressed records: the record's head, five numbers, and the name of the compression.
+            Kind::Packed(PackedChunk {
+                record,
+                compression,
+                uncompressed_size,
+                times,
+                messages,
+            }) => {
+                // Before the compressed records: the record's head, five numbers, and the name of
+                // the compression.
                 let head = 9 + 8 + 8 + 8 + 4 + 4 + compression.len() + 8;
-                let (length, compressed_size) = (record.len() as u64, record.len().saturating_sub(head) as u64);
-                let facts = ChunkFacts { times, length, channels: Vec::new(), index_length: 0, compression, compressed_size, uncompressed_size };
+                let (length, compressed_size) =
+                    (record.len() as u64, record.len().saturating_sub(head) as u64);
+                let facts = ChunkFacts {
+                    times,
+                    length,
+                    channels: Vec::new(),
+                    index_length: 0,
+                    compression,
+                    compressed_size,
+                    uncompressed_size,
+                };
                 (vec![record], Some(facts), messages)
             }
             Kind::Open(chunk, compression) => {
@@ -133,9 +150,12 @@ impl OpenChunk {
         let mostly_pictures = self.picture_bytes * 2 > self.records.len();
         let (name, data) = match compression {
             Compression::Auto if mostly_pictures => ("", self.records),
-            Compression::Auto | Compression::Zstd => ("zstd", zstd::bulk::compress(&self.records, LEVEL)?),
+            Compression::Auto | Compression::Zstd => {
+                ("zstd", zstd::bulk::compress(&self.records, LEVEL)?)
+            }
             Compression::Lz4 => {
-                let mut encoder = lz4::EncoderBuilder::new().level(LEVEL as u32).build(Vec::new())?;
+                let mut encoder =
+                    lz4::EncoderBuilder::new().level(LEVEL as u32).build(Vec::new())?;
                 encoder.write_all(&self.records)?;
                 let (data, ended) = encoder.finish();
                 ended?;
@@ -144,7 +164,13 @@ impl OpenChunk {
             Compression::None => ("", self.records),
         };
         let compressed_size = data.len() as u64;
-        let head = RecordBytes::new(op::CHUNK).u64(times.0).u64(times.1).u64(size).u32(crc).text(name).u64(compressed_size);
+        let head = RecordBytes::new(op::CHUNK)
+            .u64(times.0)
+            .u64(times.1)
+            .u64(size)
+            .u32(crc)
+            .text(name)
+            .u64(compressed_size);
         let head = head.done_before(compressed_size);
         let facts = ChunkFacts {
             times,
@@ -162,14 +188,17 @@ impl OpenChunk {
 /// Compression level: the quickest that compresses.
 const LEVEL: i32 = 1;
 
-/// Whether a message carries a JPEG, PNG or WebP file. It begins near the message's own beginning, behind its header.
+/// Whether a message carries a JPEG, PNG or WebP file. It begins near the message's own beginning,
+/// behind its header.
 pub fn carries_picture(data: &[u8]) -> bool {
     const LOOK: usize = 512;
     const LEAST: usize = 4096;
     let near = &data[..data.len().min(LOOK)];
     let has = |magic: &[u8]| near.windows(magic.len()).any(|w| w == magic);
     data.len() >= LEAST
-        && (has(&[0xff, 0xd8, 0xff]) || has(b"\x89PNG\r\n\x1a\n") || near.windows(12).any(|w| w.starts_with(b"RIFF") && w.ends_with(b"WEBP")))
+        && (has(&[0xff, 0xd8, 0xff])
+            || has(b"\x89PNG\r\n\x1a\n")
+            || near.windows(12).any(|w| w.starts_with(b"RIFF") && w.ends_with(b"WEBP")))
 }
 
 #[cfg(test)]
@@ -182,6 +211,10 @@ mod tests {
         for magic in [&b"\xff\xd8\xff\xe0"[..], b"\x89PNG\r\n\x1a\n", b"RIFF\x10\x20\x00\x00WEBP"] {
             assert!(carries_picture(&message(magic)));
         }
-        assert!(!carries_picture(&message(b"RIFF\x10\x20\x00\x00WAVE")) && !carries_picture(&message(b"")) && !carries_picture(b"\xff\xd8\xff"));
+        assert!(
+            !carries_picture(&message(b"RIFF\x10\x20\x00\x00WAVE"))
+                && !carries_picture(&message(b""))
+                && !carries_picture(b"\xff\xd8\xff")
+        );
     }
 }

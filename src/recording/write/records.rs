@@ -31,7 +31,8 @@ impl RecordBytes {
         self.bytes(&n.to_le_bytes())
     }
 
-    /// Bytes with their length before them. What is longer than the format can say does not come in: it was read so.
+    /// Bytes with their length before them. What is longer than the format can say does not come
+    /// in: it was read so.
     pub fn sized(self, bytes: &[u8]) -> Self {
         self.u32(bytes.len() as u32).bytes(bytes)
     }
@@ -62,16 +63,31 @@ pub fn header(profile: &str, library: &str) -> Vec<u8> {
 }
 
 pub fn schema(id: u16, schema: &Schema) -> Vec<u8> {
-    RecordBytes::new(op::SCHEMA).u16(id).text(&schema.name).text(&schema.encoding).sized(&schema.data).done()
+    RecordBytes::new(op::SCHEMA)
+        .u16(id)
+        .text(&schema.name)
+        .text(&schema.encoding)
+        .sized(&schema.data)
+        .done()
 }
 
 pub fn channel(id: u16, channel: &Channel) -> Vec<u8> {
-    let record = RecordBytes::new(op::CHANNEL).u16(id).u16(channel.schema_id).text(&channel.topic).text(&channel.message_encoding);
+    let record = RecordBytes::new(op::CHANNEL)
+        .u16(id)
+        .u16(channel.schema_id)
+        .text(&channel.topic)
+        .text(&channel.message_encoding);
     record.pairs(&channel.metadata).done()
 }
 
 /// What stands before a message's payload of such a size: the record's head and the message's.
-pub fn message_head(channel: u16, sequence: u32, log_time: u64, publish_time: u64, size: usize) -> [u8; 31] {
+pub fn message_head(
+    channel: u16,
+    sequence: u32,
+    log_time: u64,
+    publish_time: u64,
+    size: usize,
+) -> [u8; 31] {
     let mut head = [op::MESSAGE; 31];
     head[1..9].copy_from_slice(&(22 + size as u64).to_le_bytes());
     head[9..11].copy_from_slice(&channel.to_le_bytes());
