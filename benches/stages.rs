@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use divan::counter::{BytesCount, ItemsCount};
 use divan::{Bencher, black_box};
 use unwater::config::{Compression, Config, OutputConfig, RenderConfig, Spreading};
+use unwater::coordinates::{Direction, Transform};
 use unwater::correct::{Correction, Frame, MeanFrames};
 use unwater::estimate::samples;
 use unwater::geometry::{SeafloorPlane, Support, View};
@@ -20,7 +21,6 @@ use unwater::image::{EncodedImage, LinearImage, SensorImage, encode};
 use unwater::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
 use unwater::pipeline::{Options, Silent, estimate_logs};
 use unwater::recording::{Output, Recording, Schema, Window};
-use unwater::spaces::{Direction, Transform};
 use unwater::units::Stamp;
 use unwater::vehicle::{Camera, Lamps, Rig, StrobeMount};
 

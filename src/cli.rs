@@ -3,9 +3,9 @@
 mod commands;
 mod init;
 mod layout;
-mod look;
 mod paint;
 mod papers;
+mod products;
 mod progress;
 mod summary;
 

@@ -1,14 +1,14 @@
 #![doc = include_str!("../README.md")]
 
 // The rooms in the order the data walks; ARCHITECTURE.md has the table and a test keeps it.
-pub mod cores;
+pub mod coordinates;
 pub mod error;
-pub mod spaces;
+pub mod parallel;
 pub mod units;
 
 pub mod image;
 
-pub mod draw;
+pub mod plot;
 
 pub mod config;
 
@@ -22,12 +22,12 @@ pub mod model;
 pub mod correct;
 pub mod estimate;
 
-pub mod layout;
 pub mod recording;
 pub mod report;
+pub mod viewers;
 
 pub mod pipeline;
 
-pub mod look;
+pub mod products;
 
 pub mod cli;

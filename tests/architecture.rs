@@ -95,7 +95,7 @@ fn files_naming(word: &str) -> Vec<String> {
 
 #[test]
 fn threads_live_in_one_file_and_the_container_in_one_room() {
-    assert_eq!(files_naming("rayon::"), ["src/cores.rs"]);
+    assert_eq!(files_naming("rayon::"), ["src/parallel.rs"]);
     let of_container = files_naming("mcap::");
     assert!(of_container.iter().all(|file| file.starts_with("src/recording/")), "{of_container:?}");
     assert_eq!(

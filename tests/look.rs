@@ -16,9 +16,9 @@ use libtest_mimic::{Arguments, Failed, Trial};
 use support::ensure;
 use support::render::{Dive, Sensor, Truth};
 use unwater::config::OutputConfig;
-use unwater::look::dive::CorrectedLog;
-use unwater::look::mosaic::{Asked, Mosaic, mosaic};
 use unwater::pipeline::Options;
+use unwater::products::dive::CorrectedLog;
+use unwater::products::mosaic::{Asked, Mosaic, mosaic};
 use unwater::recording::{Entry, Output, Recording, Schema, Window};
 
 fn unwater(args: &[&str]) -> std::process::Output {

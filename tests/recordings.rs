@@ -229,7 +229,7 @@ fn depth_pictures_are_ranges_like_any_other() {
             survey.pings.seafloor(frame.stamp, &survey.rig, &Config::default().seafloor).unwrap();
         let above = plane.distance_m
             - plane.normal.vector().dot(&survey.rig.body_from_optical.origin().vector());
-        let along = (survey.rig.body_from_optical * unwater::spaces::Direction::boresight())
+        let along = (survey.rig.body_from_optical * unwater::coordinates::Direction::boresight())
             .vector()
             .dot(&plane.normal.vector());
         assert!(

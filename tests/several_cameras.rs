@@ -9,12 +9,12 @@ use std::path::Path;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use support::render::{Dive, Sensor};
 use unwater::error::Error;
-use unwater::look::dive::CorrectedLog;
-use unwater::look::page::page;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{OutputWire, Writer};
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::{Options, Silent, correct, correct_all, prepare};
+use unwater::products::dive::CorrectedLog;
+use unwater::products::page::page;
 use unwater::recording::{Entry, Message, Recording, Window};
 
 const TWO: &str = "camera_two_optical_frame";
@@ -225,7 +225,7 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
         .collect();
     assert_eq!(records, [("unwater", "/camera/image_raw"), ("unwater/two", "/two/image_raw")]);
     // Each has a tab in the layouts, with its own topics.
-    let views = unwater::layout::cameras(&recording);
+    let views = unwater::viewers::cameras(&recording);
     let corrected: Vec<&str> = views.iter().filter_map(|v| v.corrected.as_deref()).collect();
     assert_eq!(
         corrected,
@@ -237,7 +237,7 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
         (Some("/two/image_raw"), Some("/two/camera_info"))
     );
     let layout: serde_json::Value =
-        serde_json::from_str(&unwater::layout::foxglove(&views)).unwrap();
+        serde_json::from_str(&unwater::viewers::foxglove(&views)).unwrap();
     let tabs = layout["configById"][layout["layout"].as_str().unwrap()]["tabs"].as_array().unwrap();
     assert_eq!(
         tabs.iter().map(|t| t["title"].as_str().unwrap()).collect::<Vec<_>>(),

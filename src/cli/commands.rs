@@ -11,7 +11,7 @@ use super::progress::Bar;
 use super::summary;
 use super::{
     Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect,
-    RenderOptions, init, layout, look, papers,
+    RenderOptions, init, layout, papers, products,
 };
 use crate::error::{Error, Result};
 use crate::image::Container;
@@ -33,10 +33,10 @@ pub fn run(cli: Cli) -> Result<Ended> {
         Command::Estimate(args) => estimate(&args),
         Command::Inspect(args) => inspect(&args),
         Command::Init(args) => init::run(&args),
-        Command::Report(args) => look::report(&args),
-        Command::Compare(args) => look::compare(&args),
-        Command::Mosaic(args) => look::mosaic(&args),
-        Command::Export(args) => look::export(&args),
+        Command::Report(args) => products::report(&args),
+        Command::Compare(args) => products::compare(&args),
+        Command::Mosaic(args) => products::mosaic(&args),
+        Command::Export(args) => products::export(&args),
         Command::Config(args) => config(&args),
         Command::Layout(args) => layout::run(&args),
         Command::Completions(args) => papers::completions(&args),
@@ -196,7 +196,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
 
 /// Writes a small file under a temporary name first.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
-    crate::look::write_whole(path, text.as_bytes())
+    crate::products::write_whole(path, text.as_bytes())
 }
 
 fn config(args: &ConfigArgs) -> Result<Ended> {

@@ -7,8 +7,8 @@ use clap::Args;
 use super::Ended;
 use super::commands::{beside, say, write_text};
 use crate::error::{Error, Result};
-use crate::layout::{cameras, foxglove, rerun};
 use crate::recording::{Recording, ensure_distinct};
+use crate::viewers::{cameras, foxglove, rerun};
 
 /// `layout`
 #[derive(Debug, Args)]

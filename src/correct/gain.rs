@@ -466,11 +466,11 @@ impl GainRows<'_> {
 mod tests {
     use super::*;
     use crate::config::{RenderConfig, Spreading};
+    use crate::coordinates::{Direction, Transform};
     use crate::correct::MeanFrames;
     use crate::geometry::{SeafloorPlane, Support};
     use crate::image::LinearImage;
     use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
-    use crate::spaces::{Direction, Transform};
     use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
     /// The interpolated gain against the exact formula, on a tilted floor, with part of the picture

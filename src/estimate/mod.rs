@@ -38,14 +38,14 @@ pub use strobe_search::{FoundStrobe, PlacedStrobe};
 pub use tracks::{Observation, Track, tracks};
 
 use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
-use crate::cores::{both, each};
+use crate::coordinates::{Body, Optical, Transform};
 use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
     Backscatter, BeamPattern, EstimatorAnswer, GlowTable, ImagingModel, Nodes, SpreadingModel,
 };
-use crate::spaces::{Body, Optical, Transform};
+use crate::parallel::{both, each};
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
 use drift::FoundDrift;

@@ -16,9 +16,9 @@ use super::joint::{Problem, Setting, strobe_places};
 use super::samples::{FrameSamples, PLANES_AROUND_S, Sight};
 use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
+use crate::coordinates::{Direction, Point};
 use crate::geometry::LightPath;
 use crate::model::Nodes;
-use crate::spaces::{Direction, Point};
 use crate::vehicle::Lamps;
 
 /// Observations that hold three numbers well enough.

@@ -15,9 +15,9 @@
 use std::ops::Range;
 
 use crate::config::{EstimateConfig, MatchingConfig};
+use crate::coordinates::{Body, Direction, Point};
 use crate::geometry::{LightPath, Sighted, Support, View, light_path};
 use crate::image::SensorImage;
-use crate::spaces::{Body, Direction, Point};
 use crate::units::Stamp;
 use crate::vehicle::Lamps;
 
@@ -393,8 +393,8 @@ fn grid(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coordinates::Transform;
     use crate::geometry::SeafloorPlane;
-    use crate::spaces::Transform;
     use crate::vehicle::{Camera, Rig, StrobeMount};
 
     /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the

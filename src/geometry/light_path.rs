@@ -11,7 +11,7 @@
 //! In: a plane and the mounts, in body space [m]. Out: lengths [m], angles [rad]. Assumed: the
 //! floor is the plane, or the plane and its relief. Attenuation and beam pattern do not live here.
 
-use crate::spaces::{Body, Direction, Point};
+use crate::coordinates::{Body, Direction, Point};
 use crate::vehicle::{Camera, Lamps, MOST_LAMPS, Rig};
 
 use super::{Relief, SeafloorPlane};

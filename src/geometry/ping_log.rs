@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::spaces::{Direction, Dvl};
+use crate::coordinates::{Direction, Dvl};
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, Ping};
 

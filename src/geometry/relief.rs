@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::SeafloorPlane;
 use super::ping_log::PingLog;
-use crate::spaces::{Body, Point};
+use crate::coordinates::{Body, Point};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
 

@@ -19,7 +19,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Vector3};
 use super::ping_log::PingLog;
 use super::relief::{Relief, Way, foretold, heights, is_worth_it};
 use crate::config::{SeafloorConfig, Switch};
-use crate::spaces::{Body, Direction, Point};
+use crate::coordinates::{Body, Direction, Point};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
 

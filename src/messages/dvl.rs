@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 
 use super::{HeightCheck, PingReading, Value, heading};
-use crate::spaces::{Direction, Dvl};
+use crate::coordinates::{Direction, Dvl};
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping, RangeKind};
 

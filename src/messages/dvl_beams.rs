@@ -15,7 +15,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::dvl::{self, Directions, Report, SANE_JANUS_DEG};
 use super::{PingReading, Value, layout::Layout};
-use crate::spaces::Direction;
+use crate::coordinates::Direction;
 use crate::vehicle::{DvlFacts, RangeKind};
 
 const LISTS: &[&str] = &["beams", "transducers", "report.transducers", "dvl_velocity.transducers"];
@@ -87,7 +87,7 @@ fn distinct(ids: &[i64]) -> bool {
 
 /// The x axes of the poses, where they fan out around one axis as beams do; some drivers do not
 /// normalise the quaternions, others leave them at rest.
-fn directions_of_poses(list: &[Value<'_>]) -> Option<Vec<Direction<crate::spaces::Dvl>>> {
+fn directions_of_poses(list: &[Value<'_>]) -> Option<Vec<Direction<crate::coordinates::Dvl>>> {
     let axis_of = |beam: &Value<'_>| {
         let [x, y, z, w] =
             ["pose.pose.orientation", "pose.orientation"].iter().find_map(|p| beam.xyzw(p))?;

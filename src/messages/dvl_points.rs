@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::dvl::{self, Directions, Report};
 use super::{PingReading, Value, layout::Layout, missing};
-use crate::spaces::Direction;
+use crate::coordinates::Direction;
 use crate::vehicle::{DvlFacts, RangeKind};
 
 /// `range_validity`: 0 says nothing, 1 low, 2 high, 3 valid.

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 
 use super::{PingReading, Value, heading, layout::Layout, missing};
-use crate::spaces::Direction;
+use crate::coordinates::Direction;
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, Ping};
 

@@ -19,9 +19,9 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
 
 use super::BeamPattern;
 use super::beam_pattern::filled;
+use crate::coordinates::{Body, Optical, Transform};
 use crate::geometry::StrobeAngles;
 use crate::image::Bands;
-use crate::spaces::{Body, Optical, Transform};
 use crate::vehicle::Lamps;
 
 /// Rays per axis of the image plane, and distances along each.

@@ -1,9 +1,9 @@
 //! The beam pattern as a picture with axes (the paper's Fig. 9): brighter is more light, grey was
 //! never seen.
 
-use crate::draw::{Canvas, Ramp};
 use crate::geometry::StrobeAngles;
 use crate::model::BeamPattern;
+use crate::plot::{Canvas, Ramp};
 
 /// Of the pattern itself [px].
 const SIDE: usize = 320;

@@ -4,8 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::scan::FrameRef;
-use crate::cores::{Job, Threads};
 use crate::error::Result;
+use crate::parallel::{Job, Threads};
 use crate::recording::{Entry, Message, Recording, Window};
 
 /// Blocks under way, for each core [byte].

@@ -17,10 +17,10 @@ use super::pass_one::{Collected, collect};
 use super::survey::Survey;
 use super::{Options, Prepared, Silent};
 use crate::config::SeafloorConfig;
-use crate::cores::{Threads, ordered_map};
 use crate::error::Result;
 use crate::estimate::MatchedPair;
 use crate::geometry::{Pings, SeafloorPlane, Sighted, View};
+use crate::parallel::{Threads, ordered_map};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
 

@@ -27,7 +27,7 @@ use crate::recording::{Output, Recording, Window, ensure_distinct};
 use crate::report::Report;
 use crate::vehicle::{CameraFacts, Rig, RigFile};
 
-pub use crate::cores::Threads;
+pub use crate::parallel::Threads;
 use model_of::{model_of, shown, strobe_of};
 use pass_one::{Collected, collect};
 use pass_two::{OfCamera, PassTwo, place_of};

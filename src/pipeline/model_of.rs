@@ -5,6 +5,7 @@ use super::mount_words::mount_check;
 use super::pass_one::Collected;
 use super::{Options, Prepared};
 use crate::config::{Config, Spreading, Switch};
+use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::rendering;
 use crate::error::{Error, Result};
 use crate::estimate::{
@@ -17,7 +18,6 @@ use crate::model::{
     BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, LampFile,
     LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
 };
-use crate::spaces::{Body, Optical, Strobe, Transform};
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount};
 
 /// Samples of all logs → one model.

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 use crate::config::{Config, Estimator};
+use crate::coordinates::Point;
 use crate::correct::MeanFrames;
 use crate::error::Result;
 use crate::estimate::{
@@ -15,13 +16,12 @@ use crate::image::SensorImage;
 use crate::image::decode::{Decoded, Light, Room, decode_in};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Message, Recording};
-use crate::spaces::Point;
 
 use super::chosen_frames::for_frames;
 use super::scan::{FrameRef, Scan};
 use super::survey::Survey;
 use super::{Progress, Step};
-use crate::cores::{Threads, ordered_map};
+use crate::parallel::{Threads, ordered_map};
 
 /// Frames in a row that pass one takes before it jumps on; overlap needs neighbours.
 const STRETCH: usize = 12;

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use crate::config::{Config, ImageFormat, Method};
-use crate::cores::{Job, Threads};
 use crate::correct::FrameFacts;
 use crate::error::Result;
 use crate::geometry::SeafloorPlane;
 use crate::image::Container;
 use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::messages::Heading;
+use crate::parallel::{Job, Threads};
 use crate::recording::{
     Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window,
 };

@@ -14,7 +14,7 @@ use crate::recording::{Block, Channel, Contents, Damage, Entry, Message, Recordi
 use crate::units::Stamp;
 use crate::vehicle::{Calibration, DvlFacts, Ping};
 
-use crate::cores::{Job, Threads};
+use crate::parallel::{Job, Threads};
 
 /// A picture of a camera: all that is known without decoding it.
 #[derive(Clone, Copy, Debug)]

@@ -10,6 +10,7 @@ mod mounts;
 use nalgebra::Isometry3;
 
 use crate::config::Config;
+use crate::coordinates::{Body, Optical, Transform};
 use crate::error::{Error, Result};
 use crate::geometry::Pings;
 use crate::image::decode::{Light, decode};
@@ -20,7 +21,6 @@ use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
 use crate::model::{LightSettingFile, ModelFile};
 use crate::recording::Recording;
-use crate::spaces::{Body, Optical, Transform};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Camera, ResponseFacts, Rig, RigFile, SettingSeries};
 

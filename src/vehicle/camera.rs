@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::spaces::{Direction, Optical};
+use crate::coordinates::{Direction, Optical};
 
 /// Lens distortion and its coefficients, in ROS order.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,7 +5,7 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use crate::spaces::{Body, Point, Strobe, Transform};
+use crate::coordinates::{Body, Point, Strobe, Transform};
 
 /// More lamps than this shine as these.
 pub const MOST_LAMPS: usize = 4;

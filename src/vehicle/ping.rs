@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::spaces::{Direction, Dvl};
+use crate::coordinates::{Direction, Dvl};
 use crate::units::{Altitude, SlantRange, Stamp};
 
 /// One sonar beam of one ping.

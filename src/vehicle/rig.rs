@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{Camera, Lamps, RangeKind};
-use crate::spaces::{Body, Dvl, Optical, Point, Strobe, Transform};
+use crate::coordinates::{Body, Dvl, Optical, Point, Strobe, Transform};
 
 /// Everything geometry needs to know of the vehicle.
 #[derive(Clone, Debug)]

@@ -206,7 +206,7 @@ fn rig(bytes: &[u8]) {
         let _ray = file.camera.in_water(camera).ray(1.0, 1.0);
     }
     for mount in [&file.camera.mount, &file.dvl.mount, &file.strobe.mount].into_iter().flatten() {
-        drop(mount.transform::<unwater::spaces::Dvl>());
+        drop(mount.transform::<unwater::coordinates::Dvl>());
     }
 }
 

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use libtest_mimic::Failed;
 use unwater::config::{Config, SeafloorConfig};
+use unwater::coordinates::Transform;
 use unwater::geometry::Pings;
 use unwater::messages::{Decoder, Kind};
-use unwater::spaces::Transform;
 use unwater::vehicle::{AttitudeTrack, Camera, DvlFacts, Ping, Rig, StrobeMount};
 
 use super::ensure;

@@ -7,8 +7,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::super::robust;
 use super::{LEAST_DIRECT_SHARE, LegRow, NOISE_CLASSES, Problem, Row, Solution};
-use crate::cores::each;
 use crate::model::{SHAPES, log_sum};
+use crate::parallel::each;
 
 /// A held unknown is this much stiffer than the rows make it.
 const HOLDING: f64 = 1e6;

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 
 use super::{Done, PassTwo};
-use crate::cores::Job;
 use crate::error::{Error, Result};
 use crate::image::transfer::SrgbTable;
+use crate::parallel::Job;
 use crate::recording::{Block, Entry, Message, Output, PackedChunk};
 
 /// What a block gives, in its order. `in_chunk` is true of a message that goes through in a chunk

@@ -3,12 +3,12 @@
 
 use super::tally::Tally;
 use super::{Added, Done, OfCamera};
+use crate::coordinates::{Direction, Optical};
 use crate::correct::FrameFacts;
 use crate::messages::Heading;
 use crate::messages::output::{self, Level};
 use crate::model::LightSettingFile;
 use crate::recording::{NewChannel, Output};
-use crate::spaces::{Direction, Optical};
 use crate::units::Stamp;
 
 impl OfCamera<'_> {

@@ -7,7 +7,7 @@ use crate::units::{SlantRange, Stamp};
 use crate::vehicle::{Beam, Camera, Ping, RangeKind, RigFile};
 
 use super::super::scan::{ChannelScan, Scan};
-use crate::spaces::Direction;
+use crate::coordinates::Direction;
 
 /// Fewer messages say nothing.
 const LEAST_MESSAGES: usize = 5;

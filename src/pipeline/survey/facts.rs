@@ -1,8 +1,8 @@
 //! What is known of a rig, as a rig file: for `init`, and for the output's attachment.
 
+use crate::coordinates::Transform;
 use crate::messages::Kind;
 use crate::recording::Recording;
-use crate::spaces::Transform;
 use crate::vehicle::{CameraFacts, LampFacts, MountFacts, Rig, RigFile, StrobeMount};
 
 use super::super::scan::{ChannelScan, Scan};

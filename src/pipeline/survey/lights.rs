@@ -3,8 +3,8 @@
 
 use super::Selection;
 use super::mounts::Mounts;
+use crate::coordinates::{Body, Direction, Optical, Strobe, Transform};
 use crate::error::{Error, Result};
-use crate::spaces::{Body, Direction, Optical, Strobe, Transform};
 use crate::vehicle::{Lamps, MOST_LAMPS, RigFile, StrobeMount};
 
 /// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its

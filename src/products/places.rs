@@ -9,12 +9,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::dive::messages_of;
+use crate::coordinates::Point;
 use crate::geometry::SeafloorPlane;
 use crate::messages::value::Value;
 use crate::messages::{Decoder, heading};
 use crate::pipeline::Prepared;
 use crate::recording::{Channel, Recording, Window};
-use crate::spaces::Point;
 use crate::units::Stamp;
 
 /// Positions farther apart in time are not joined [s].
@@ -250,8 +250,8 @@ pub fn fix_at(fixes: &[Fix], stamp: Stamp) -> Option<Fix> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coordinates::Direction;
     use crate::geometry::Support;
-    use crate::spaces::Direction;
 
     /// A vehicle that looks down is below its own way in either world; seen from above, east is
     /// right and north is up.

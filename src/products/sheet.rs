@@ -12,13 +12,13 @@ use std::path::Path;
 use super::pictures::{codes, exposure, reduced, scaled};
 use crate::config::Method;
 use crate::correct::{MeanFrames, apply_baseline};
-use crate::draw::Canvas;
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, Matchable, matches};
 use crate::image::LinearImage;
 use crate::model::{GlowTable, ModelFile, RenderingFile};
 use crate::pipeline::bench::{Bench, BenchFrame};
 use crate::pipeline::{self, Options, Progress};
+use crate::plot::Canvas;
 use crate::units::Stamp;
 use scatter::{Agreement, Pairs};
 

@@ -5,14 +5,14 @@
 //! a *space*. Transforms read `to_from`: `hit_in_body = body_from_dvl * hit_in_dvl`.
 //!
 //! ```
-//! use unwater::spaces::{Body, Dvl, Point, Transform};
+//! use unwater::coordinates::{Body, Dvl, Point, Transform};
 //! let body_from_dvl: Transform<Body, Dvl> = Transform::from_parts([0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]);
 //! let hit_in_body: Point<Body> = body_from_dvl * Point::<Dvl>::new(0.0, 0.0, 2.0);
 //! assert_eq!(hit_in_body.vector().z, 1.8);
 //! ```
 //!
 //! ```compile_fail
-//! use unwater::spaces::{Body, Dvl, Optical, Point, Transform};
+//! use unwater::coordinates::{Body, Dvl, Optical, Point, Transform};
 //! let body_from_dvl: Transform<Body, Dvl> = Transform::identity();
 //! let wrong = body_from_dvl * Point::<Optical>::new(0.0, 0.0, 2.0); // a camera point is no DVL point
 //! ```

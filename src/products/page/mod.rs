@@ -17,11 +17,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::dive::{CameraLog, CorrectedLog, Pictures};
 use super::pictures::reduced;
 use super::places::Places;
-use crate::draw::escaped;
 use crate::error::Result;
 use crate::image::LinearImage;
 use crate::pipeline::Options;
 use crate::pipeline::bench::Bench;
+use crate::plot::escaped;
 use crate::recording::Window;
 
 /// Frames whose channel means are taken (Fig. 6); more make the figure no clearer.

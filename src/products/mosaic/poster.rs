@@ -2,8 +2,8 @@
 //! how light runs across the track: what blending would have hidden (paper, Fig. 11).
 
 use super::{Mosaic, Strip};
-use crate::draw::{Canvas, ticks};
-use crate::look::pictures::{codes, codes_as_shown, exposure};
+use crate::plot::{Canvas, ticks};
+use crate::products::pictures::{codes, codes_as_shown, exposure};
 
 const MARGIN: i64 = 28;
 const GAP: i64 = 40;

@@ -6,8 +6,8 @@
 
 use super::{Laid, Mosaic};
 use crate::error::{Error, Result};
-use crate::look::pictures::codes_as_shown;
-use crate::look::places::{Fix, M_PER_DEG, Places, east_north, fix_at};
+use crate::products::pictures::codes_as_shown;
+use crate::products::places::{Fix, M_PER_DEG, Places, east_north, fix_at};
 
 use super::by_matches::{Pair, Rigid};
 

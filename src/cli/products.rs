@@ -6,10 +6,10 @@ use super::{
     CompareArgs, Ended, ExportArgs, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window,
 };
 use crate::error::{Error, Result};
-use crate::look::dive::CorrectedLog;
-use crate::look::mosaic::{self, Asked};
-use crate::look::{data_set, page, sheet, write_whole};
 use crate::pipeline::Options;
+use crate::products::dive::CorrectedLog;
+use crate::products::mosaic::{self, Asked};
+use crate::products::{data_set, page, sheet, write_whole};
 use crate::recording::{Window, ensure_distinct};
 
 impl LookOptions {

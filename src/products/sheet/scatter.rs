@@ -8,8 +8,8 @@
 //! the frames' difference as a whole, and is said apart.
 
 use super::{INK, Looked, SOFT};
-use crate::draw::{Canvas, ticks};
 use crate::image::LinearImage;
+use crate::plot::{Canvas, ticks};
 
 /// Pixels of points in this frame and in another.
 pub type Pairs = Vec<((f64, f64), (f64, f64))>;

@@ -7,8 +7,8 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use super::super::dive::{CameraLog, CorrectedLog};
 use super::remedies::remedy;
-use crate::draw::escaped;
 use crate::model::ModelFile;
+use crate::plot::escaped;
 use crate::units::Stamp;
 
 /// Ends of a 95 % interval lie this many standard deviations away.

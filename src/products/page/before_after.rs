@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::super::dive::{CameraLog, CorrectedLog, messages_of};
 use super::super::pictures::{codes, codes_as_shown, exposure, jpeg_uri, reduced};
 use super::{Figure, SHOWN_SIDE, Seen};
-use crate::draw::escaped;
 use crate::image::LinearImage;
 use crate::image::decode::{Light, decode};
 use crate::messages::Kind;
+use crate::plot::escaped;
 use crate::recording::Window;
 
 /// Quality of a shown JPEG.

@@ -8,8 +8,8 @@ use super::Laid;
 use crate::error::Result;
 use crate::geometry::View;
 use crate::image::LinearImage;
-use crate::look::pictures::reduced;
 use crate::pipeline::bench::{Bench, BenchFrame};
+use crate::products::pictures::reduced;
 use crate::vehicle::{Camera, Rig};
 
 /// Pixels of a strip, at most, and of its longer side.

@@ -7,10 +7,10 @@
 use super::super::pictures::{codes, exposure, jpeg_uri, reduced};
 use super::Figure;
 use crate::config::{Method, WhiteBalance};
-use crate::draw::escaped;
 use crate::image::LinearImage;
 use crate::model::GlowTable;
 use crate::pipeline::bench::{Bench, BenchFrame};
+use crate::plot::escaped;
 
 /// Longest side of a stage [px].
 const SIDE: usize = 560;

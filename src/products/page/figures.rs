@@ -4,8 +4,8 @@
 use super::super::dive::CameraLog;
 use super::facts::{NINETY_FIVE, band_names, time_of};
 use super::{Figure, Seen};
-use crate::draw::{Axis, Plot, Ramp, Shape};
 use crate::model::EstimatorAnswer;
+use crate::plot::{Axis, Plot, Ramp, Shape};
 use crate::units::Stamp;
 
 /// Classes and shapes of the bands.
@@ -95,14 +95,14 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
                  says {}. The run used the {} estimator.",
                 joined(u.iter().copied()),
                 joined(a.iter().copied()),
-                crate::draw::escaped(&camera.model.estimator)
+                crate::plot::escaped(&camera.model.estimator)
             ),
             _ => {
                 let why = answer.and_then(|a| a.note.as_deref()).unwrap_or("no answer");
                 format!(
                     " Lines: least squares through these points, where altitude varies. The \
                      altitude estimator has no answer: {}.",
-                    crate::draw::escaped(why)
+                    crate::plot::escaped(why)
                 )
             }
         };
@@ -208,7 +208,7 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
         images.len(),
         answer.observations,
         all.len(),
-        crate::draw::escaped(&camera.model.estimator)
+        crate::plot::escaped(&camera.model.estimator)
     );
     Figure::of("pairs", title, Ok(body), &caption)
 }
