@@ -2,6 +2,7 @@
 
 // The rooms in the order the data walks; ARCHITECTURE.md has the table and a test keeps it.
 pub mod coordinates;
+pub mod diagnostics;
 pub mod error;
 pub mod parallel;
 pub mod units;

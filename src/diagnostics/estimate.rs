@@ -1,0 +1,83 @@
+//! Pass one: what the model rests on and what the log does not determine.
+
+use super::facts;
+
+/// What helps where altitude does not vary.
+const OTHER_MODEL: &str = "a segment of the dive where altitude changes by 15 % or more determines \
+                           attenuation; use its model here: unwater correct --model MODEL.json";
+
+facts! {
+    /// Facts about a model.
+    Estimate {
+        Warning "strobe-drop-outs" DropOuts { frames: usize },
+            text("{frames} frames are lit differently from their neighbours (strobe drop-outs); \
+                  they are compensated"),
+            remedy("nothing has to be done; check the charging or the trigger of the strobe");
+        Warning "backscatter-not-determined" BackscatterUnknown,
+            text("--backscatter on: the log does not determine backscatter; it is not removed"),
+            remedy("frames that overlap at different altitudes are needed");
+    }
+}
+
+facts! {
+    /// Why attenuation is not identified.
+    NotIdentified {
+        Warning "not-identified-altitude" AltitudeConstant { altitude_ratio: f64 },
+            text("altitude hardly varies (the highest is {altitude_ratio:.2} times the lowest)"),
+            remedy("{OTHER_MODEL}");
+        Warning "not-identified-path-lengths" PathLengthsEqual { path_spread_m: f64 },
+            text("points are seen from nearly the same distance (path lengths differ by \
+                  {path_spread_m:.3} m)"),
+            remedy("{OTHER_MODEL}");
+        Warning "not-identified-frames" FewFrames { frames: usize, needed: usize },
+            text("{frames} frames with a seafloor are too few to separate the water from other \
+                  changes; {needed} are needed"),
+            remedy("use a longer segment, or a model of another one: --model MODEL.json");
+        Warning "not-identified-backscatter" BackscatterIgnored {
+            attenuation_per_m: f64,
+            with_backscatter_per_m: f64,
+        },
+            text("there is backscatter, which is not modelled: with it {attenuation_per_m:.3} per \
+                  metre would be {with_backscatter_per_m:.3}"),
+            remedy("do not use --backscatter off");
+        Warning "not-identified-low-frames" LowFramesDiffer {
+            attenuation_per_m: f64,
+            low_frames_per_m: f64,
+        },
+            text("the lower half of the frames alone gives {low_frames_per_m:.3} per metre, all \
+                  give {attenuation_per_m:.3}: backscatter is not modelled, or the light changed"),
+            remedy("inspect the highest frames: where backscatter hides the seafloor, exclude them \
+                    with -S and -E, or use a model from lower frames");
+        Warning "not-identified-negative" NotPhysical { attenuation_per_m: f64 },
+            text("an attenuation of {attenuation_per_m:.3} per metre is not physical: altitude and \
+                  light cannot be separated in this log"),
+            remedy("check ranges and mounts (unwater inspect), or use a model from another \
+                    segment: --model MODEL.json");
+        Warning "not-identified-uncertain" Uncertain { std_per_m: f64 },
+            text("the estimate is uncertain by {std_per_m:.2} per metre"),
+            remedy("more overlap or more change of altitude lowers the uncertainty; so does a \
+                    model of several logs of the dive: unwater estimate A.mcap B.mcap");
+        Warning "not-identified-joint-failed" JointFailed { reason: String },
+            text("the joint solve failed ({reason})"),
+            remedy("use a model from another segment: --model MODEL.json");
+    }
+}
+
+facts! {
+    /// Why an estimator has no answer.
+    NoAnswer {
+        Info "few-tracks" FewTracks { tracks: usize, needed: usize },
+            text("{tracks} points seen more than once; {needed} are needed");
+        Info "unknowns-not-determined" Undetermined,
+            text("the points seen more than once do not determine the unknowns");
+        Info "several-lamps" SeveralLamps,
+            text("several lamps shine; only the joint solve separates them");
+        Info "equal-path-lengths" EqualPathLengths,
+            text("path lengths do not differ within the pairs");
+        Info "altitude-range" AltitudeRange { altitude_ratio: f64, frames: usize, needed_ratio: f64 },
+            text("the highest altitude is {altitude_ratio:.2} times the lowest over {frames} \
+                  frames; {needed_ratio:.2} times is needed");
+        Info "few-shared-cells" FewSharedCells,
+            text("too few frames share a part of the image that is lit");
+    }
+}

@@ -1,0 +1,76 @@
+//! Extrinsics of camera, range instrument, attitude sensor and strobe.
+
+use super::facts;
+
+facts! {
+    /// Facts about where sensors and strobe sit.
+    Mounts {
+        Info "frame-replaced" FrameReplaced { frame: String, used: String },
+            text("its frame {frame:?} is not in the TF tree; {used:?} is used instead");
+        Info "attitude-missing" NoAttitude,
+            text("the log has no attitude: echoes are not rotated between ping and frame, and with \
+                  fewer than three returns the seafloor is assumed perpendicular to the \
+                  instrument axis");
+        Info "attitude-frame-unknown" AttitudeFrameUnknown { frame: String },
+            text("its frame {frame:?} is not in the TF tree; it is assumed aligned with the \
+                  vehicle");
+        Info "strobe-axis-off-camera" StrobeAxisOff,
+            text("as the rig file orients it, the strobe does not light what the camera sees: its \
+                  axis is z, see docs/rig.md");
+        Info "strobe-orientation-replaced" StrobeOrientationReplaced { frames: Vec<String> },
+            text("as the TF tree orients it, light from {} does not fall on what the camera \
+                  sees; the orientation of the camera is used", frames.join(", "));
+        Info "several-strobes" SeveralStrobes { frames: Vec<String>, used: usize },
+            text("several lights in the TF tree ({}): {used} of them are used, with equal power and \
+                  one beam pattern; name the one that shone with --strobe-frame, or strengths \
+                  under [[strobe.lamps]] in a rig file", frames.join(", "));
+        Warning "strobe-position-unknown" StrobeUnknown,
+            text("the position of the strobe is unknown and the log does not determine it: it is \
+                  assumed at the camera, which biases attenuation"),
+            remedy("write [strobe.mount] into a rig file");
+        Warning "strobe-position-contradicted" StrobeContradicted {
+            moved_m: f64,
+            position_in_body_m: [f64; 3],
+            std_m: f64,
+            residual: [f64; 2],
+        },
+            text("the log contradicts the given strobe position: it fits better {moved_m:.2} m \
+                  away, at {position_in_body_m:.3?} in the vehicle (± {std_m:.3} m; residual \
+                  {:.4} instead of {:.4})", residual[1], residual[0]),
+            remedy("use the estimated position with --strobe-position refine");
+        Warning "attitude-mount-contradicted" AttitudeContradicted {
+            rotation_deg: [f64; 2],
+            std_deg: [f64; 2],
+            residual: [f64; 2],
+            is_lower_bound: bool,
+        },
+            text("the log contradicts the rotation between camera and attitude sensor: level \
+                  seafloors fit better {}", rotated(rotation_deg, std_deg, residual, is_lower_bound)),
+            remedy("check [camera.mount] and the mount of the attitude sensor");
+        Warning "dvl-mount-contradicted" DvlContradicted {
+            rotation_deg: [f64; 2],
+            std_deg: [f64; 2],
+            residual: [f64; 2],
+            is_lower_bound: bool,
+            translation_m: [f64; 3],
+            rotation_xyzw: [f64; 4],
+        },
+            text("the log contradicts the rotation between camera and range instrument: planes \
+                  fit better {}", rotated(rotation_deg, std_deg, residual, is_lower_bound)),
+            remedy("to use that, write `[dvl.mount]` with `translation_m = {translation_m:.4?}` \
+                    and `rotation_xyzw = {rotation_xyzw:.5?}` in a rig file");
+    }
+}
+
+fn rotated(deg: &[f64; 2], std: &[f64; 2], residual: &[f64; 2], is_lower_bound: &bool) -> String {
+    let bound = if *is_lower_bound {
+        "a lower bound, as the strobe position was estimated from the same images; "
+    } else {
+        ""
+    };
+    format!(
+        "rotated by {:.1} ± {:.1}° and {:.1} ± {:.1}° about x and y of the camera ({bound}residual \
+         {:.4} instead of {:.4})",
+        deg[0], std[0], deg[1], std[1], residual[1], residual[0]
+    )
+}
