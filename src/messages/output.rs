@@ -95,10 +95,10 @@ macro_rules! with_header {
         concat!(
             "std_msgs/Header header\n",
             $fields,
-            "================================================================================\\
-             nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-            "================================================================================\\
-             nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+            "================================================================================\nMSG: \
+             std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
+            "================================================================================\nMSG: \
+             builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
         )
     };
 }

@@ -103,8 +103,8 @@ pub fn page(log: &CorrectedLog, options: &Options) -> Result<String> {
          http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
          style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<link rel=\"icon\" \
          href=\"data:,\">\n<title>{} · \
-         unwater</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n{body}</main>\n<script>\\
-         n{}</script>\n</body>\n</html>\n",
+         unwater</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n{body}</main>\n<script>\n\
+         {}</script>\n</body>\n</html>\n",
         escaped(title),
         include_str!("style.css"),
         include_str!("script.js"),
