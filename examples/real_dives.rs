@@ -79,7 +79,7 @@ fn decoded(recording: &Recording, scan: &Scan, topic: &str) -> Vec<(u64, SensorI
         recording.channels.get(&message.channel).filter(|c| c.topic == topic)?;
         let decoder = scan.decoders.get(&message.channel)?;
         let value = decoder.read(message.data()).ok()?;
-        let Kind::Picture(read) = decoder.message_type.kind else { return None };
+        let Kind::Image(read) = decoder.message_type.kind else { return None };
         Some((message.log_time, decode(&read(&value).ok()?, Light::default()).ok()?.image))
     };
     recording.messages(Window::ALL).filter_map(of).collect()

@@ -15,7 +15,7 @@ impl Stamp {
     }
 
     /// This moment and so many seconds; they may be negative.
-    pub fn later(self, seconds: f64) -> Self {
+    pub fn plus_seconds(self, seconds: f64) -> Self {
         Self(self.0.saturating_add((seconds * 1e9).round() as i64))
     }
 

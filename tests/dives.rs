@@ -12,7 +12,7 @@ use support::{ensure, render::Dive, replay};
 use unwater::config::{OutputConfig, OutputEncoding};
 use unwater::model::ModelFile;
 use unwater::pipeline::{Options, Silent, correct};
-use unwater::recording::{Entry, Output, PackedChunk, Recording, Window};
+use unwater::recording::{Entry, Output, RawChunk, Recording, Window};
 use unwater::report::Report;
 
 fn run(
@@ -133,7 +133,7 @@ fn copied(path: &Path, out: &Path) -> Result<usize, Failed> {
     for block in input.blocks() {
         let contents = input.read(block, Window::ALL)?;
         let is_declared =
-            |chunk: &PackedChunk| chunk.messages.iter().all(|m| input.channels.contains_key(&m.0));
+            |chunk: &RawChunk| chunk.messages.iter().all(|m| input.channels.contains_key(&m.0));
         if let Some(chunk) = contents.chunk.filter(is_declared) {
             output.copy_chunk(chunk);
             through += 1;
@@ -144,7 +144,7 @@ fn copied(path: &Path, out: &Path) -> Result<usize, Failed> {
                 if let Entry::Message(message) = entry
                     && input.channels.contains_key(&message.channel)
                 {
-                    output.copy(&message);
+                    output.copy_message(&message);
                 }
             }
         }

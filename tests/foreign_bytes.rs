@@ -128,7 +128,7 @@ fn seeds_are_made_of_the_sample_logs() {
             continue;
         };
         let value = decoder.read(m.data()).unwrap();
-        let Kind::Picture(read) = decoder.message_type.kind else { continue };
+        let Kind::Image(read) = decoder.message_type.kind else { continue };
         match read(&value).unwrap() {
             EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
                 let head = format!("{width} {height} {step} {} {encoding}\n", u8::from(big_endian));

@@ -441,7 +441,7 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
     )?;
     for entry in log.messages(Window::ALL) {
         if let Entry::Message(message) = entry {
-            out.copy(&message);
+            out.copy_message(&message);
         }
     }
     for frame in &truth.frames {

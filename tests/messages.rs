@@ -9,7 +9,7 @@ use serde_json::Value as Json;
 use unwater::image::EncodedImage;
 use unwater::image::decode::{Light, decode, white_level};
 use unwater::image::transfer::Transfer;
-use unwater::messages::{Decoder, Kind, TYPES, heading};
+use unwater::messages::{Decoder, Kind, TYPES, header};
 use unwater::recording::{Entry, Message, Recording, Window};
 use unwater::vehicle::DvlFacts;
 
@@ -51,7 +51,7 @@ fn decoder(recording: &Recording, message: &Message, rig: &DvlFacts) -> Decoder 
     )
     .expect("a schema")
     .expect("a decoder");
-    decoder.settle(&channel.topic, message.data());
+    decoder.refine(&channel.topic, message.data());
     decoder
 }
 
@@ -143,7 +143,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                 logs.entry(decoder.message_type.name).or_default().push(file);
             }
             let value = decoder.read(message.data()).expect(file);
-            let said = heading(&value);
+            let said = header(&value);
             assert_eq!(
                 message.log_time,
                 entry["log_times_ns"][i].as_u64().unwrap(),
@@ -152,7 +152,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
             // Transforms have their headers inside.
             if !matches!(decoder.message_type.kind, Kind::Transforms(_)) {
                 assert_eq!(
-                    said.stamp.unwrap_or(message.logged()).0,
+                    said.stamp.unwrap_or(message.log_stamp()).0,
                     entry["stamps_ns"][i].as_i64().unwrap(),
                     "{file}: stamp"
                 );
@@ -164,12 +164,12 @@ fn every_message_type_reads_as_its_writer_meant_it() {
             }
             let truth = readings.get(i).unwrap_or(&Json::Null);
             match decoder.message_type.kind {
-                Kind::Picture(read) if entry["kind"] == "video" => {
+                Kind::Image(read) if entry["kind"] == "video" => {
                     let codec = truth.as_str().unwrap();
                     assert_eq!(read(&value).expect(file), EncodedImage::Video { codec }, "{file}");
                 }
                 Kind::Ping(_, read) if entry["kind"] == "depth" => {
-                    let pixels = read(&value, &rig).expect(file).pixels.expect(file);
+                    let pixels = read(&value, &rig).expect(file).depth.expect(file);
                     assert_eq!(
                         (pixels.width as u64, pixels.height as u64),
                         (truth["width"].as_u64().unwrap(), truth["height"].as_u64().unwrap())
@@ -184,7 +184,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                         );
                     }
                 }
-                Kind::Picture(read) => check_picture(file, &read(&value).expect(file), truth),
+                Kind::Image(read) => check_picture(file, &read(&value).expect(file), truth),
                 Kind::CameraInfo(read) => match read(&value).expect(file) {
                     None => assert!(truth.is_null(), "{file}"),
                     Some(calibration) => {
@@ -245,7 +245,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                         );
                     }
                 },
-                Kind::LightSetting(read) => {
+                Kind::Radiometry(read) => {
                     let found: BTreeMap<&str, f64> =
                         read(&value).expect(file).into_iter().collect();
                     let ought: BTreeMap<&str, f64> = truth
@@ -281,8 +281,13 @@ fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
     for t in TYPES {
         let files: Vec<String> =
             logs[t.name].iter().map(|f| format!("`{}`", f.trim_end_matches(".mcap"))).collect();
-        page +=
-            &format!("| `{}` | {} | {} | {} |\n", t.name, t.kind.word(), t.about, files.join(", "));
+        page += &format!(
+            "| `{}` | {} | {} | {} |\n",
+            t.name,
+            t.kind.label(),
+            t.about,
+            files.join(", ")
+        );
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/messages.md");
     if std::env::var_os("UNWATER_BLESS").is_some() {
@@ -378,7 +383,7 @@ fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
         for at in (0..data.len()).step_by(1 + data.len() / 211) {
             turned[at] ^= 0xff;
             if let Ok(value) = decoder.read(&turned)
-                && let Kind::Picture(read) = decoder.message_type.kind
+                && let Kind::Image(read) = decoder.message_type.kind
                 && let Ok(picture) = read(&value)
             {
                 let _whatever = decode(&picture, Light::default());

@@ -12,7 +12,7 @@ use support::render::Dive;
 use support::transcode::{Encoding, transcode};
 use unwater::config::Config;
 use unwater::messages::Decoder;
-use unwater::messages::writer::{OutputWire, Writer};
+use unwater::messages::writer::{WireFormat, Writer};
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::{Options, Silent, Threads, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Message, Recording, Window};
@@ -188,7 +188,7 @@ fn add_depth(source: &Path, target: &Path, depth_m: f64) {
             let stamp = camera.frames[0].stamp.0
                 + (m.log_time - recording_start(&recording, m.channel)) as i64;
             let (sec, nanosec) = ((stamp / 1_000_000_000) as i32, (stamp % 1_000_000_000) as u32);
-            let body = Writer::new(OutputWire::Cdr)
+            let body = Writer::new(WireFormat::Cdr)
                 .header(sec, nanosec, &camera.camera_frame)
                 .u32(height as u32)
                 .u32(width as u32)
@@ -285,7 +285,7 @@ fn damaged_messages_and_schemas_are_sentences_and_never_panics() {
             let schema =
                 recording.schemas.get(&channel.schema_id).map_or(message.data(), |s| &s.data);
             if let Ok(Some(mut decoder)) = of_schema(Some(&dice.damage(schema))) {
-                decoder.settle(&channel.topic, message.data());
+                decoder.refine(&channel.topic, message.data());
                 exercise(&decoder, message.data());
             }
             places += 2;

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use support::render::{Dive, Sensor};
 use unwater::error::Error;
 use unwater::messages::Decoder;
-use unwater::messages::writer::{OutputWire, Writer};
+use unwater::messages::writer::{WireFormat, Writer};
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::{Options, Silent, correct, correct_all, prepare};
 use unwater::products::dive::CorrectedLog;
@@ -67,7 +67,7 @@ fn add_turned_camera(source: &Path, target: &Path, with_mount: bool) {
             publish_time: m.publish_time,
         };
         writer.write_to_known_channel(&header, m.data()).unwrap();
-        let new = || Writer::new(OutputWire::Cdr);
+        let new = || Writer::new(WireFormat::Cdr);
         if m.channel == image {
             let value = pictures.read(m.data()).unwrap();
             let number = |path: &str| value.integer(path).unwrap();

@@ -67,7 +67,7 @@ fn correct(args: &Correct) -> Result<Ended> {
         ));
     }
     for read in [&args.model, &args.shared.rig, &args.shared.config].into_iter().flatten() {
-        crate::recording::ensure_distinct(read, &output, true)?;
+        crate::recording::check_output_path(read, &output, true)?;
     }
     let model = model_file(args.model.as_deref())?;
     if model.is_some() && args.estimate != EstimateOptions::default() && !args.shared.quiet {
@@ -163,7 +163,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
     let to_stdout = output.as_os_str() == "-";
     if !to_stdout {
         for input in &args.inputs {
-            crate::recording::ensure_distinct(input, &output, options.force)?;
+            crate::recording::check_output_path(input, &output, options.force)?;
         }
     }
     let inputs: Vec<&Path> = args.inputs.iter().map(PathBuf::as_path).collect();
@@ -236,7 +236,7 @@ fn inspect(args: &Inspect) -> Result<Ended> {
                 "messages": scanned.map_or(0, |s| s.count),
                 "schema": recording.schemas.get(&c.schema_id).map_or("", |s| s.name.as_str()),
                 "message_encoding": c.message_encoding,
-                "read_as": decoder.map(|d| d.message_type.kind.word()),
+                "read_as": decoder.map(|d| d.message_type.kind.label()),
                 "shape_of": decoder.map(|d| d.message_type.name),
                 "frame_id": scanned.map_or("", |s| s.frame_id.as_str()),
                 "description": scanned.map_or("", |s| s.description.as_str()),

@@ -12,7 +12,7 @@ pub fn run(args: &Init) -> Result<Ended> {
     let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
     let to_stdout = args.output.as_os_str() == "-";
     if !to_stdout {
-        crate::recording::ensure_distinct(&args.input, &args.output, options.force)?;
+        crate::recording::check_output_path(&args.input, &args.output, options.force)?;
     }
     let (facts, notes) = known_facts(&args.input, &options)?;
     let text = rig_text(&facts, &args.input, &notes);

@@ -7,7 +7,7 @@ use clap::Args;
 use super::Ended;
 use super::commands::{beside, say, write_text};
 use crate::error::{Error, Result};
-use crate::recording::{Recording, ensure_distinct};
+use crate::recording::{Recording, check_output_path};
 use crate::viewers::{cameras, foxglove, rerun};
 
 /// `layout`
@@ -57,7 +57,7 @@ pub fn run(args: &LayoutArgs) -> Result<Ended> {
         say(&text);
         return Ok(Ended::Done);
     }
-    ensure_distinct(&args.input, &output, args.force)?;
+    check_output_path(&args.input, &output, args.force)?;
     write_text(&output, &text)?;
     if !args.quiet {
         let next = if args.foxglove {

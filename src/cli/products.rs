@@ -10,7 +10,7 @@ use crate::pipeline::Options;
 use crate::products::dive::CorrectedLog;
 use crate::products::mosaic::{self, Asked};
 use crate::products::{data_set, page, sheet, write_whole};
-use crate::recording::{Window, ensure_distinct};
+use crate::recording::{Window, check_output_path};
 
 impl LookOptions {
     fn options(&self) -> Options {
@@ -28,7 +28,7 @@ impl LookOptions {
 pub fn report(args: &ReportArgs) -> Result<Ended> {
     let options = args.run.options();
     let output = args.output.clone().unwrap_or_else(|| beside(&args.input, "html"));
-    ensure_distinct(&args.input, &output, options.force)?;
+    check_output_path(&args.input, &output, options.force)?;
     let log = CorrectedLog::open(&args.input, &options)?;
     write_whole(&output, page::page(&log, &options)?.as_bytes())?;
     args.run.written(&output);
@@ -53,7 +53,7 @@ fn ensure_named(output: &std::path::Path, endings: &[&str]) -> Result<()> {
 /// `unwater compare`
 pub fn compare(args: &CompareArgs) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &RenderOptions::default())?;
-    ensure_distinct(&args.input, &args.output, options.force)?;
+    check_output_path(&args.input, &args.output, options.force)?;
     ensure_named(&args.output, &["png"])?;
     let which = match (args.frame, args.at) {
         (Some(number), _) => sheet::Which::Number(number),
@@ -71,7 +71,7 @@ pub fn compare(args: &CompareArgs) -> Result<Ended> {
 /// `unwater mosaic`
 pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     let options = Options { window: window(args.start, args.end)?, ..args.run.options() };
-    ensure_distinct(&args.input, &args.output, options.force)?;
+    check_output_path(&args.input, &args.output, options.force)?;
     ensure_named(&args.output, &["png", "tif", "tiff"])?;
     let asked =
         Asked { camera: args.camera.clone(), is_georeferenced: mosaic::is_geotiff(&args.output) };

@@ -152,7 +152,8 @@ pub fn heights(
 ) -> Vec<Height> {
     let axes = Axes::of(plane, rig);
     let instrument = rig.body_from_dvl.origin().vector();
-    let (first, last) = (pings.before(stamp.later(-WINDOW_S)), pings.before(stamp.later(WINDOW_S)));
+    let (first, last) =
+        (pings.before(stamp.plus_seconds(-WINDOW_S)), pings.before(stamp.plus_seconds(WINDOW_S)));
     let here = way.at(pings, stamp);
     let nearest = (first..last).filter(|i| pings.returns(*i) >= MANY_RETURNS).min_by(|a, b| {
         let gap = |i: usize| pings.stamp(i).seconds_since(stamp).abs();

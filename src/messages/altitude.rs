@@ -2,7 +2,7 @@
 //! field for it (`rti_dvl`, PD6 shapes, `NavSts`, Nucleus `Altimeter`, Blueye `Altitude`). 0 and
 //! below mean lost, so do −9999 and the like.
 
-use super::{PingReading, Value, heading, layout::Layout, missing};
+use super::{PingReading, Value, header, layout::Layout, missing};
 use crate::units::{Altitude, Stamp};
 use crate::vehicle::{DvlFacts, Ping};
 
@@ -45,7 +45,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let valid = FLAGS.iter().find_map(|f| value.flag(f)).unwrap_or(true);
     let altitude = (valid && altitude.is_finite() && altitude > 0.0)
         .then_some(Altitude(altitude * facts.sound_speed_ratio.unwrap_or(1.0)));
-    let stamp = heading(value).stamp.unwrap_or(Stamp(0));
+    let stamp = header(value).stamp.unwrap_or(Stamp(0));
     Ok(PingReading {
         ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }),
         ..PingReading::default()

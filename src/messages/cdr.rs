@@ -185,7 +185,7 @@ impl<'a> Reader<'a> {
 #[cfg(test)]
 mod tests {
     use super::super::ros_schema::{Dialect, parse};
-    use super::super::writer::{OutputWire, Writer};
+    use super::super::writer::{WireFormat, Writer};
     use super::*;
 
     fn layout(text: &str) -> Result<Layout, String> {
@@ -198,7 +198,7 @@ mod tests {
             "std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n",
         )
         .expect("layout");
-        let bytes = Writer::new(OutputWire::Cdr)
+        let bytes = Writer::new(WireFormat::Cdr)
             .header(7, 9, "cam")
             .u8(3)
             .f64_array(&[1.0, -2.0])
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn a_length_that_lies_allocates_nothing() {
         let layout = layout("float64[] w\n").expect("layout");
-        let bytes = Writer::new(OutputWire::Cdr).u32(u32::MAX).finish();
+        let bytes = Writer::new(WireFormat::Cdr).u32(u32::MAX).finish();
         assert!(read(&layout, &bytes).expect_err("a lie").contains("elements"));
     }
 }

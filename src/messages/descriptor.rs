@@ -3,7 +3,7 @@
 
 use super::layout::{Primitive, Type};
 use super::ros_schema::{Dialect, parse};
-use super::writer::{OutputWire, Writer};
+use super::writer::{WireFormat, Writer};
 
 /// A message as its makers have numbered it.
 #[derive(Debug, PartialEq, Eq)]
@@ -58,7 +58,7 @@ impl Form {
 }
 
 fn empty() -> Writer {
-    Writer::new(OutputWire::Protobuf)
+    Writer::new(WireFormat::Protobuf)
 }
 
 fn field(name: &str, number: u32, kind: u32, label: u32, type_name: &str) -> Vec<u8> {

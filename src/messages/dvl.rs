@@ -3,12 +3,12 @@
 //!
 //! A file per shape says where its numbers are ([`Report`]); here they become a ping. The rig file
 //! wins over the message, the message's own directions over a known instrument's. Nothing is
-//! switched silently: what is assumed becomes a remark, and the message's own altitude is held
+//! switched silently: what is assumed becomes a warning, and the message's own altitude is held
 //! against its ranges for the survey to judge.
 
 use nalgebra::Vector3;
 
-use super::{HeightCheck, PingReading, Value, heading};
+use super::{AltitudeCheck, PingReading, Value, header};
 use crate::coordinates::{Direction, Dvl};
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping, RangeKind};
@@ -61,7 +61,7 @@ pub fn is_water_track(value: &Value<'_>) -> bool {
 
 /// A report that holds no bottom range at all.
 pub fn nothing(why: &str) -> PingReading {
-    PingReading { remark: Some(why.into()), ..PingReading::default() }
+    PingReading { warning: Some(why.into()), ..PingReading::default() }
 }
 
 /// The altitude a DVL message gives beside its beams.
@@ -96,18 +96,18 @@ pub fn ping(
     if is_water_track(value) {
         return Ok(nothing("water-track reports are left out"));
     }
-    let stamp = heading(value).stamp.unwrap_or(Stamp(0));
+    let stamp = header(value).stamp.unwrap_or(Stamp(0));
     let scale = facts.sound_speed_ratio.unwrap_or(1.0);
     if report.ranges.is_empty() {
         let altitude = altitude(value).map(|a| Altitude(a * scale));
-        let remark = Some("the message lists no beams; its altitude is used".into());
+        let warning = Some("the message lists no beams; its altitude is used".into());
         return Ok(PingReading {
             ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }),
-            remark,
+            warning,
             ..PingReading::default()
         });
     }
-    let (directions, remark) = directions(report.directions, report.ranges.len(), facts)?;
+    let (directions, warning) = directions(report.directions, report.ranges.len(), facts)?;
     let axis: Vector3<f64> =
         directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
     let kind = facts.ranges.unwrap_or(report.kind);
@@ -127,16 +127,16 @@ pub fn ping(
     let mean_cosine = directions.iter().map(|d| d.vector().dot(&axis)).sum::<f64>()
         / directions.len().max(1) as f64;
     let height =
-        all.filter(|r| r.len() >= 3).zip(altitude(value)).map(|(ranges, altitude)| HeightCheck {
+        all.filter(|r| r.len() >= 3).zip(altitude(value)).map(|(ranges, altitude)| AltitudeCheck {
             ratio: altitude * ranges.len() as f64 / ranges.iter().sum::<f64>(),
             cosine: mean_cosine,
             kind,
         });
     Ok(PingReading {
         ping: Some(Ping { stamp, beams, altitude: None, velocity_m_per_s: velocity(value) }),
-        remark,
-        height,
-        pixels: None,
+        warning,
+        altitude_check: height,
+        depth: None,
     })
 }
 
@@ -194,19 +194,19 @@ fn directions(
         Directions::Vectors(vectors) => sane(&vectors),
         Directions::Assumed(name) => {
             let array = named(name)?;
-            let remark = format!(
+            let warning = format!(
                 "the message has no beam directions; taken as {name} ({}°)",
                 array.janus_angle_deg
             );
-            Ok((spread(&array, beams)?, Some(remark)))
+            Ok((spread(&array, beams)?, Some(warning)))
         }
         Directions::Angle(janus_angle_deg, name) => {
             let array = JanusArray { janus_angle_deg, ..named(name)? };
-            let remark = format!(
+            let warning = format!(
                 "the message gives the beams' angle ({janus_angle_deg}°) and not their azimuths; \
                  those of {name} are taken"
             );
-            Ok((spread(&array, beams)?, Some(remark)))
+            Ok((spread(&array, beams)?, Some(warning)))
         }
         Directions::Unknown => Err("the message has no beam directions; name the instrument in \
                                     rig.toml: [dvl] beams = \"waterlinked-a50\""
@@ -228,12 +228,12 @@ fn sane(vectors: &[Vector3<f64>]) -> Result<(Vec<Direction<Dvl>>, Option<String>
             let azimuths_deg = vectors.iter().map(|v| v.y.atan2(v.x).to_degrees()).collect();
             let janus_angle_deg =
                 90.0 - vectors.iter().map(off_axis_deg).sum::<f64>() / vectors.len() as f64;
-            let remark = format!(
+            let warning = format!(
                 "beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); taken as \
                  {janus_angle_deg:.1}°",
                 90.0 - janus_angle_deg
             );
-            return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(remark)));
+            return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(warning)));
         }
     }
     Err("the beam vectors are not usable (zero, not of unit length, not 12 to 35° off the axis, \
@@ -260,10 +260,10 @@ mod tests {
         let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
         let swapped: Vec<_> =
             corners.iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
-        let (directions, remark) = sane(&swapped).expect("mended");
+        let (directions, warning) = sane(&swapped).expect("mended");
         assert!(
             (directions[0].vector() - Vector3::new(0.2706, 0.2706, 0.9239)).norm() < 1e-3
-                && remark.is_some()
+                && warning.is_some()
         );
         assert!(sane(&[Vector3::zeros(); 4]).is_err());
         assert!(

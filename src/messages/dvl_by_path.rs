@@ -4,7 +4,7 @@
 //! (`beams.depth`).
 
 use super::dvl::{self, Directions, Report};
-use super::{PingReading, Value, heading};
+use super::{PingReading, Value, header};
 use crate::units::{Altitude, Stamp};
 use crate::vehicle::{DvlFacts, Ping, RangeKind};
 
@@ -40,7 +40,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
             .filter(inside)
             .map(|a| Altitude(a * facts.sound_speed_ratio.unwrap_or(1.0)));
         let ping = Ping {
-            stamp: heading(value).stamp.unwrap_or(Stamp(0)),
+            stamp: header(value).stamp.unwrap_or(Stamp(0)),
             beams: Vec::new(),
             altitude,
             velocity_m_per_s: None,

@@ -41,7 +41,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         && let Some((ping, first)) =
             reading.ping.as_mut().zip(list.first().and_then(|b| b.get("range")))
     {
-        ping.stamp = super::heading(first).stamp.unwrap_or(ping.stamp);
+        ping.stamp = super::header(first).stamp.unwrap_or(ping.stamp);
     }
     Ok(reading)
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Edge, Value, attitude, layout::Layout, missing};
+use super::{FrameTransform, Value, attitude, layout::Layout, missing};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     ["", "transforms."].iter().any(|p| {
@@ -10,14 +10,18 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
     })
 }
 
-pub fn decode(value: &Value<'_>) -> Result<Vec<Edge>, String> {
+pub fn decode(value: &Value<'_>) -> Result<Vec<FrameTransform>, String> {
     let name =
         |v: &Value<'_>, path: &str| v.text(path).map(String::from).ok_or_else(|| missing(path));
     let edge = |v: &Value<'_>| {
         let t = v.xyz("translation").ok_or_else(|| missing("translation"))?;
         let q = v.xyzw("rotation").and_then(attitude).ok_or("a transform without a rotation")?;
         let pose = nalgebra::Isometry3::from_parts(Vector3::from(t).into(), q);
-        Ok(Edge { parent: name(v, "parent_frame_id")?, child: name(v, "child_frame_id")?, pose })
+        Ok(FrameTransform {
+            parent: name(v, "parent_frame_id")?,
+            child: name(v, "child_frame_id")?,
+            pose,
+        })
     };
     match value.list("transforms") {
         Some(list) => list.iter().map(edge).collect(),

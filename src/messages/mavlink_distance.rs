@@ -5,7 +5,7 @@
 //! ids 1 to 4, one message per beam, its azimuth in `orientation`. Beams of several messages come
 //! together in the plane's window.
 
-use super::{PingReading, Value, heading, layout::Layout, missing};
+use super::{PingReading, Value, header, layout::Layout, missing};
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping};
 
@@ -25,7 +25,7 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 }
 
 pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
-    let stamp = heading(value).stamp.unwrap_or(Stamp(0));
+    let stamp = header(value).stamp.unwrap_or(Stamp(0));
     let value = value.get("message").unwrap_or(value);
     let centimetres =
         value.number("current_distance").ok_or_else(|| missing("current_distance"))?;
@@ -59,10 +59,10 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
             ));
         }
     };
-    let remark = (!ping.beams.is_empty()).then(|| {
+    let warning = (!ping.beams.is_empty()).then(|| {
         format!("one message per beam: {JANUS_DEG}° off the axis, azimuth by its orientation")
     });
-    Ok(PingReading { ping: Some(ping), remark, ..PingReading::default() })
+    Ok(PingReading { ping: Some(ping), warning, ..PingReading::default() })
 }
 
 fn rotation_named(word: &str) -> Option<i64> {

@@ -8,7 +8,7 @@
 mod altitude;
 mod camera_info;
 pub mod cdr;
-mod depth_picture;
+mod depth_image;
 mod descriptor;
 mod dvl;
 mod dvl_arrays;
@@ -18,18 +18,18 @@ mod dvl_numbered;
 mod dvl_points;
 mod dvl_ranges;
 mod foxglove_transforms;
-mod heading;
+mod header;
 mod idl_schema;
 mod imu;
 mod json;
 pub mod layout;
-mod light_setting;
 mod mavlink_distance;
 mod odometry;
 pub mod output;
 mod ping1d;
 mod point_cloud;
 mod protobuf;
+mod radiometry;
 mod range;
 mod ros_compressed_image;
 mod ros_image;
@@ -44,7 +44,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use crate::image::EncodedImage;
 use crate::vehicle::{Calibration, DvlFacts, Ping, RangeKind};
-pub use heading::{Heading, attitude_frame, heading};
+pub use header::{Header, attitude_frame, header};
 use layout::Layout;
 use ros_schema::Dialect;
 use table::DEPTH;
@@ -57,16 +57,16 @@ pub struct PingReading {
     /// `None` where the message holds no bottom range at all (a water-track report)
     pub ping: Option<Ping>,
     /// what had to be mended or assumed, said once per channel
-    pub remark: Option<String>,
+    pub warning: Option<String>,
     /// the message's own altitude held against its ranges
-    pub height: Option<HeightCheck>,
+    pub altitude_check: Option<AltitudeCheck>,
     /// places of a depth picture: beams once the camera's calibration is known
-    pub pixels: Option<DepthPixels>,
+    pub depth: Option<DepthSamples>,
 }
 
 /// Some places of a depth picture.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct DepthPixels {
+pub struct DepthSamples {
     /// size of the picture [px]
     pub width: usize,
     /// see `width`
@@ -77,7 +77,7 @@ pub struct DepthPixels {
 
 /// What a message's own altitude says of its ranges: whether they are slant or vertical.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HeightCheck {
+pub struct AltitudeCheck {
     /// altitude over the mean of the ranges, all beams good: about `cosine` where they are slant, 1
     /// where they are vertical
     pub ratio: f64,
@@ -89,7 +89,7 @@ pub struct HeightCheck {
 
 /// One edge of the TF tree: the child's pose in the parent.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Edge {
+pub struct FrameTransform {
     /// the parent's name
     pub parent: String,
     /// the child's name
@@ -98,46 +98,37 @@ pub struct Edge {
     pub pose: Isometry3<f64>,
 }
 
-/// A picture as it lies in its message.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PictureReading<'v> {
-    /// stamp and frame
-    pub heading: Heading,
-    /// the picture, still encoded
-    pub picture: EncodedImage<'v>,
-}
-
 /// A number and what it is called.
-pub type NamedNumber = (&'static str, f64);
+pub type RadiometrySetting = (&'static str, f64);
 
 /// What kind of thing a channel carries.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// pictures
-    Picture(for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>),
+    Image(for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>),
     /// calibration; `None` where the message says it is not calibrated
     CameraInfo(fn(&Value<'_>) -> Result<Option<Calibration>, String>),
     /// mounts
-    Transforms(fn(&Value<'_>) -> Result<Vec<Edge>, String>),
+    Transforms(fn(&Value<'_>) -> Result<Vec<FrameTransform>, String>),
     /// world_from_sensor; `None` where the message says it has no attitude
     Attitude(fn(&Value<'_>) -> Result<Option<UnitQuaternion<f64>>, String>),
     /// ranges along beams, or an altitude; the rank says which instrument to prefer (lower is
     /// better)
     Ping(u8, fn(&Value<'_>, &DvlFacts) -> Result<PingReading, String>),
     /// exposure, gain or strobe power, by name, in the sender's unit
-    LightSetting(fn(&Value<'_>) -> Result<Vec<NamedNumber>, String>),
+    Radiometry(fn(&Value<'_>) -> Result<Vec<RadiometrySetting>, String>),
 }
 
 impl Kind {
     /// One word for tables.
-    pub fn word(&self) -> &'static str {
+    pub fn label(&self) -> &'static str {
         match self {
-            Self::Picture(_) => "image",
+            Self::Image(_) => "image",
             Self::CameraInfo(_) => "camera_info",
             Self::Transforms(_) => "transforms",
             Self::Attitude(_) => "attitude",
             Self::Ping(..) => "range",
-            Self::LightSetting(_) => "light setting",
+            Self::Radiometry(_) => "radiometry",
         }
     }
 }
@@ -252,9 +243,9 @@ impl Decoder {
     }
 
     /// Looks at the channel's first message: a depth picture has the shape of any other.
-    pub fn settle(&mut self, topic: &str, first: &[u8]) {
-        let is_depth = matches!(self.message_type.kind, Kind::Picture(_))
-            && self.read(first).is_ok_and(|v| depth_picture::is_depth(&v, topic));
+    pub fn refine(&mut self, topic: &str, first: &[u8]) {
+        let is_depth = matches!(self.message_type.kind, Kind::Image(_))
+            && self.read(first).is_ok_and(|v| depth_image::is_depth(&v, topic));
         if is_depth && let Some(depth) = TYPES.iter().find(|t| t.name == DEPTH) {
             self.message_type = depth;
         }

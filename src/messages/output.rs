@@ -2,9 +2,9 @@
 //! self-contained `ros2msg` schemas by default, as it is the family that rerun and Foxglove both
 //! show best; protobuf with Foxglove's schemas or ROS 1 by choice.
 
-use super::Heading;
+use super::Header;
 use super::descriptor::{self, Form, ProtoType};
-use super::writer::{OutputWire, Writer};
+use super::writer::{WireFormat, Writer};
 use crate::units::Stamp;
 use crate::vehicle::Camera;
 
@@ -23,7 +23,7 @@ pub struct OutputType {
 
 /// A schema as the log holds it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WrittenSchema {
+pub struct OutputSchema {
     /// the type's name
     pub name: String,
     /// `ros2msg`, `ros1msg`, `protobuf`
@@ -40,27 +40,27 @@ impl OutputType {
     }
 
     /// The type's schema in an encoding.
-    pub fn schema_in(&self, wire: OutputWire) -> WrittenSchema {
+    pub fn schema_in(&self, wire: WireFormat) -> OutputSchema {
         match wire {
-            OutputWire::Cdr => WrittenSchema {
+            WireFormat::Cdr => OutputSchema {
                 name: self.name.into(),
                 encoding: "ros2msg",
                 data: self.schema.into(),
                 message_encoding: "cdr",
             },
-            OutputWire::Ros1 => {
+            WireFormat::Ros1 => {
                 let (name, text) = self.ros1.map_or_else(
                     || (self.name.replace("/msg/", "/"), in_ros1(self.schema)),
                     |(n, t)| (n.into(), t.into()),
                 );
-                WrittenSchema {
+                OutputSchema {
                     name,
                     encoding: "ros1msg",
                     data: text.into_bytes(),
                     message_encoding: "ros1",
                 }
             }
-            OutputWire::Protobuf => {
+            WireFormat::Protobuf => {
                 let (name, data) = match self.protobuf {
                     Some(known) => (known.name.into(), descriptor::of(known.name, known.fields)),
                     None => {
@@ -69,7 +69,7 @@ impl OutputType {
                         (name, data)
                     }
                 };
-                WrittenSchema { name, encoding: "protobuf", data, message_encoding: "protobuf" }
+                OutputSchema { name, encoding: "protobuf", data, message_encoding: "protobuf" }
             }
         }
     }
@@ -298,38 +298,38 @@ fn time(stamp: Stamp) -> (i32, u32) {
 }
 
 /// A message begun with the header of the frame it speaks of, copied as it is.
-pub fn headed(wire: OutputWire, heading: &Heading) -> Writer {
-    let (sec, nanosec) = time(heading.stamp.unwrap_or_default());
-    Writer::new(wire).header(sec, nanosec, &heading.frame_id)
+pub fn with_header(wire: WireFormat, header: &Header) -> Writer {
+    let (sec, nanosec) = time(header.stamp.unwrap_or_default());
+    Writer::new(wire).header(sec, nanosec, &header.frame_id)
 }
 
 /// The header where protobuf has the frame's name at this number.
-fn begun(wire: OutputWire, heading: &Heading, frame_id: u32) -> Writer {
-    let (sec, nanosec) = time(heading.stamp.unwrap_or_default());
+fn begun(wire: WireFormat, header: &Header, frame_id: u32) -> Writer {
+    let (sec, nanosec) = time(header.stamp.unwrap_or_default());
     match wire {
-        OutputWire::Protobuf => {
-            Writer::new(wire).time(sec, nanosec).at(frame_id).text(&heading.frame_id)
+        WireFormat::Protobuf => {
+            Writer::new(wire).time(sec, nanosec).at(frame_id).text(&header.frame_id)
         }
-        OutputWire::Cdr | OutputWire::Ros1 => headed(wire, heading),
+        WireFormat::Cdr | WireFormat::Ros1 => with_header(wire, header),
     }
 }
 
 /// `CompressedImage`; `format` is `jpeg` or `png`.
-pub fn compressed_image(wire: OutputWire, heading: &Heading, format: &str, data: &[u8]) -> Vec<u8> {
-    begun(wire, heading, 4).at(3).text(format).at(2).bytes(data).finish()
+pub fn compressed_image(wire: WireFormat, header: &Header, format: &str, data: &[u8]) -> Vec<u8> {
+    begun(wire, header, 4).at(3).text(format).at(2).bytes(data).finish()
 }
 
 /// `Image`, little-endian.
 pub fn image(
-    wire: OutputWire,
-    heading: &Heading,
+    wire: WireFormat,
+    header: &Header,
     width: usize,
     height: usize,
     encoding: &str,
     step: usize,
     data: &[u8],
 ) -> Vec<u8> {
-    let sized = begun(wire, heading, 7)
+    let sized = begun(wire, header, 7)
         .at(3)
         .fixed32(height as u32)
         .at(2)
@@ -337,14 +337,14 @@ pub fn image(
         .at(4)
         .text(encoding);
     // Foxglove's has no byte order: it is little-endian.
-    let ordered = if wire == OutputWire::Protobuf { sized } else { sized.u8(0) };
+    let ordered = if wire == WireFormat::Protobuf { sized } else { sized.u8(0) };
     ordered.at(5).fixed32(step as u32).bytes(data).finish()
 }
 
 /// `CameraInfo` of a camera.
-pub fn camera_info(wire: OutputWire, heading: &Heading, camera: &Camera) -> Vec<u8> {
+pub fn camera_info(wire: WireFormat, header: &Header, camera: &Camera) -> Vec<u8> {
     let Camera { fx, fy, cx, cy, .. } = *camera;
-    let sized = begun(wire, heading, 9)
+    let sized = begun(wire, header, 9)
         .at(3)
         .fixed32(camera.height as u32)
         .at(2)
@@ -357,20 +357,20 @@ pub fn camera_info(wire: OutputWire, heading: &Heading, camera: &Camera) -> Vec<
         .f64_array(&[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
         .f64_array(&[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
     match wire {
-        OutputWire::Protobuf => calibrated.finish(),
+        WireFormat::Protobuf => calibrated.finish(),
         // binning, region of interest: none
-        OutputWire::Cdr | OutputWire::Ros1 => {
+        WireFormat::Cdr | WireFormat::Ros1 => {
             (0..6).fold(calibrated, |w, _| w.u32(0)).u8(0).finish()
         }
     }
 }
 
 /// `Float64MultiArray` with one labelled dimension; label and numbers in protobuf.
-pub fn multi_array(wire: OutputWire, label: &str, values: &[f64]) -> Vec<u8> {
+pub fn multi_array(wire: WireFormat, label: &str, values: &[f64]) -> Vec<u8> {
     let n = values.len() as u32;
     let labelled = match wire {
-        OutputWire::Protobuf => Writer::new(wire).text(label),
-        OutputWire::Cdr | OutputWire::Ros1 => {
+        WireFormat::Protobuf => Writer::new(wire).text(label),
+        WireFormat::Cdr | WireFormat::Ros1 => {
             Writer::new(wire).u32(1).text(label).u32(n).u32(n).u32(0)
         }
     };
@@ -378,18 +378,18 @@ pub fn multi_array(wire: OutputWire, label: &str, values: &[f64]) -> Vec<u8> {
 }
 
 /// A line of a log.
-pub fn log(wire: OutputWire, stamp: Stamp, level: Level, text: &str) -> Vec<u8> {
+pub fn log(wire: WireFormat, stamp: Stamp, level: Level, text: &str) -> Vec<u8> {
     let (sec, nanosec) = time(stamp);
     let level = match (wire, level) {
-        (OutputWire::Cdr, Level::Info) => 20,
-        (OutputWire::Cdr, Level::Warn) => 30,
-        (OutputWire::Ros1 | OutputWire::Protobuf, Level::Info) => 2,
-        (OutputWire::Ros1, Level::Warn) => 4,
-        (OutputWire::Protobuf, Level::Warn) => 3,
+        (WireFormat::Cdr, Level::Info) => 20,
+        (WireFormat::Cdr, Level::Warn) => 30,
+        (WireFormat::Ros1 | WireFormat::Protobuf, Level::Info) => 2,
+        (WireFormat::Ros1, Level::Warn) => 4,
+        (WireFormat::Protobuf, Level::Warn) => 3,
     };
     let begun = Writer::new(wire);
     match wire {
-        OutputWire::Cdr => begun
+        WireFormat::Cdr => begun
             .time(sec, nanosec)
             .u8(level)
             .text("unwater")
@@ -398,7 +398,7 @@ pub fn log(wire: OutputWire, stamp: Stamp, level: Level, text: &str) -> Vec<u8> 
             .text("")
             .u32(0)
             .finish(),
-        OutputWire::Ros1 => begun
+        WireFormat::Ros1 => begun
             .header(sec, nanosec, "")
             .u8(level)
             .text("unwater")
@@ -408,7 +408,7 @@ pub fn log(wire: OutputWire, stamp: Stamp, level: Level, text: &str) -> Vec<u8> 
             .u32(0)
             .u32(0)
             .finish(),
-        OutputWire::Protobuf => begun
+        WireFormat::Protobuf => begun
             .time(sec, nanosec)
             .u8(level)
             .text(text)
@@ -424,28 +424,28 @@ mod tests {
     use super::*;
     use crate::messages::Decoder;
 
-    const WIRES: [OutputWire; 3] = [OutputWire::Cdr, OutputWire::Ros1, OutputWire::Protobuf];
+    const WIRES: [WireFormat; 3] = [WireFormat::Cdr, WireFormat::Ros1, WireFormat::Protobuf];
 
     #[test]
     fn what_is_written_reads_by_its_own_schema() {
-        let heading =
-            Heading { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
+        let header =
+            Header { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
         let camera = Camera::from_field_of_view(640, 480, 60.0);
         for wire in WIRES {
-            let frame = headed(wire, &heading).u8(1).text("why").f64s(&[0.5; 11]).finish();
+            let frame = with_header(wire, &header).u8(1).text("why").f64s(&[0.5; 11]).finish();
             let cases = [
-                (COMPRESSED_IMAGE, compressed_image(wire, &heading, "jpeg", &[1, 2, 3])),
-                (IMAGE, image(wire, &heading, 2, 1, "rgb8", 6, &[0; 6])),
-                (CAMERA_INFO, camera_info(wire, &heading, &camera)),
+                (COMPRESSED_IMAGE, compressed_image(wire, &header, "jpeg", &[1, 2, 3])),
+                (IMAGE, image(wire, &header, 2, 1, "rgb8", 6, &[0; 6])),
+                (CAMERA_INFO, camera_info(wire, &header, &camera)),
                 (MULTI_ARRAY, multi_array(wire, "attenuation_per_m", &[1.0, 2.0])),
                 (LOG, log(wire, Stamp(5_000_000_001), Level::Warn, "dark")),
                 (FRAME, frame),
-                (POSE, pose(wire, &heading, &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
+                (POSE, pose(wire, &header, &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
                 (
                     TRANSFORM,
                     transform(
                         wire,
-                        &heading,
+                        &header,
                         "floor",
                         &nalgebra::Isometry3::translation(1.0, 2.0, 3.0),
                     ),
@@ -454,7 +454,7 @@ mod tests {
                     POINT_CLOUD,
                     point_cloud(
                         wire,
-                        &heading,
+                        &header,
                         &[ScenePoint { at: [1.0, 2.0, 3.0], rgb: [255, 128, 0] }; 5],
                     ),
                 ),
@@ -469,7 +469,7 @@ mod tests {
                 )
                 .expect(kind.name);
                 let value = decoder.read(&bytes).expect(kind.name);
-                let said = crate::messages::heading(&value);
+                let said = crate::messages::header(&value);
                 match kind.name {
                     "sensor_msgs/msg/CameraInfo" => {
                         assert_eq!(value.numbers("k").map(|k| k[0]), Some(camera.fx))
@@ -514,7 +514,7 @@ mod tests {
                     }
                     _ => assert_eq!(
                         (said.frame_id.as_str(), said.stamp),
-                        ("cam", heading.stamp),
+                        ("cam", header.stamp),
                         "{wire:?} {}",
                         kind.name
                     ),

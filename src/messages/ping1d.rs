@@ -1,7 +1,7 @@
 //! Ping1D shapes (Blue Robotics' echo sounder): `distance` in millimetres with `confidence` in
 //! percent.
 
-use super::{PingReading, Value, heading, layout::Layout, missing};
+use super::{PingReading, Value, header, layout::Layout, missing};
 use crate::units::{Altitude, Stamp};
 use crate::vehicle::{DvlFacts, Ping};
 
@@ -18,14 +18,14 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let altitude = distance * facts.unit_m.unwrap_or(1e-3) * facts.sound_speed_ratio.unwrap_or(1.0);
     let altitude = (sure && altitude > 0.0 && altitude.is_finite()).then_some(Altitude(altitude));
     let ping = Ping {
-        stamp: heading(value).stamp.unwrap_or(Stamp(0)),
+        stamp: header(value).stamp.unwrap_or(Stamp(0)),
         beams: Vec::new(),
         altitude,
         velocity_m_per_s: None,
     };
     Ok(PingReading {
         ping: Some(ping),
-        remark: Some("an echo sounder's wide cone: its distance is read as an altitude".into()),
+        warning: Some("an echo sounder's wide cone: its distance is read as an altitude".into()),
         ..PingReading::default()
     })
 }

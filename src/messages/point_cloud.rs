@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{PingReading, Value, heading, layout::Layout, missing};
+use super::{PingReading, Value, header, layout::Layout, missing};
 use crate::coordinates::Direction;
 use crate::units::{SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, Ping};
@@ -72,7 +72,7 @@ pub fn decode(value: &Value<'_>, _facts: &DvlFacts) -> Result<PingReading, Strin
         .filter_map(|part| part.chunks_exact(step).find_map(point))
         .collect();
     let ping = Ping {
-        stamp: heading(value).stamp.unwrap_or(Stamp(0)),
+        stamp: header(value).stamp.unwrap_or(Stamp(0)),
         beams,
         altitude: None,
         velocity_m_per_s: None,

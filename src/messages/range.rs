@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{PingReading, Value, heading, layout::Layout, missing};
+use super::{PingReading, Value, header, layout::Layout, missing};
 use crate::coordinates::Direction;
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, DvlFacts, Ping};
@@ -25,7 +25,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let within = range >= least && (most <= 0.0 || range < most);
     let range = (range.is_finite() && range > 0.0 && within)
         .then_some(range * facts.sound_speed_ratio.unwrap_or(1.0));
-    let stamp = heading(value).stamp.unwrap_or(Stamp(0));
+    let stamp = header(value).stamp.unwrap_or(Stamp(0));
     let narrow = value.number("field_of_view").unwrap_or(0.0) <= NARROW_RAD;
     let direction = Direction::from_vector(Vector3::x()).ok_or("no axis")?;
     let ping = if narrow {
@@ -38,6 +38,6 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     } else {
         Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude), velocity_m_per_s: None }
     };
-    let remark = (!narrow).then(|| "a wide sonar cone: its range is read as an altitude".into());
-    Ok(PingReading { ping: Some(ping), remark, ..PingReading::default() })
+    let warning = (!narrow).then(|| "a wide sonar cone: its range is read as an altitude".into());
+    Ok(PingReading { ping: Some(ping), warning, ..PingReading::default() })
 }

@@ -16,18 +16,18 @@ pub struct MessageType {
 }
 
 /// The row that no schema matches: its messages are shaped like pictures.
-pub const DEPTH: &str = "depth picture";
+pub const DEPTH: &str = "depth image";
 
 /// Every message type that is read, first match wins.
 #[rustfmt::skip]
 pub const TYPES: &[MessageType] = &[
-    MessageType { name: DEPTH, matches: |_, _| false, kind: Kind::Ping(2, depth_picture::decode),
+    MessageType { name: DEPTH, matches: |_, _| false, kind: Kind::Ping(2, depth_image::decode),
         about: "`16UC1` [mm] on a topic that says depth, `32FC1` [m], `compressedDepth` PNG of both; 20 places become beams, with the camera's calibration" },
-    MessageType { name: "FFMPEGPacket", matches: video::matches, kind: Kind::Picture(video::decode),
+    MessageType { name: "FFMPEGPacket", matches: video::matches, kind: Kind::Image(video::decode),
         about: "video: refused, with the remedy; so is `foxglove.CompressedVideo`" },
-    MessageType { name: "sensor_msgs/Image", matches: ros_image::matches, kind: Kind::Picture(ros_image::decode),
+    MessageType { name: "sensor_msgs/Image", matches: ros_image::matches, kind: Kind::Image(ros_image::decode),
         about: "pictures, also `foxglove.RawImage`" },
-    MessageType { name: "sensor_msgs/CompressedImage", matches: ros_compressed_image::matches, kind: Kind::Picture(ros_compressed_image::decode),
+    MessageType { name: "sensor_msgs/CompressedImage", matches: ros_compressed_image::matches, kind: Kind::Image(ros_compressed_image::decode),
         about: "JPEG, PNG, WebP, told by their bytes; also `foxglove.CompressedImage`" },
     MessageType { name: "sensor_msgs/CameraInfo", matches: camera_info::matches, kind: Kind::CameraInfo(camera_info::decode),
         about: "calibration, with region of interest and binning; also `foxglove.CameraCalibration`" },
@@ -63,9 +63,9 @@ pub const TYPES: &[MessageType] = &[
         about: "a slant range along x; an altitude where the cone is above 0.35 rad; outside [min, max] is lost" },
     MessageType { name: "Ping1D", matches: ping1d::matches, kind: Kind::Ping(1, ping1d::decode),
         about: "`distance` [mm] and `confidence` [%]; below 60 % is lost" },
-    MessageType { name: "flir_camera_msgs/ImageMetaData", matches: light_setting::matches_fields, kind: Kind::LightSetting(light_setting::decode),
+    MessageType { name: "flir_camera_msgs/ImageMetaData", matches: radiometry::matches_fields, kind: Kind::Radiometry(radiometry::decode),
         about: "exposure, gain, strobe power by name: two of them, or one on a topic that says so; Blueye `CameraParameters`" },
-    MessageType { name: "std_msgs/Float64 (light setting)", matches: light_setting::matches_bare, kind: Kind::LightSetting(light_setting::decode),
+    MessageType { name: "std_msgs/Float64 (radiometry)", matches: radiometry::matches_bare, kind: Kind::Radiometry(radiometry::decode),
         about: "one number on a topic that says exposure, shutter, strobe, flash, lamp, or gain of a camera" },
     MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches_bare, kind: Kind::Ping(3, altitude::decode),
         about: "one number on a topic that says `altitude`, `altimeter` or `height_above`; ≤ 0 is lost" },

@@ -2,13 +2,13 @@
 
 use nalgebra::Vector3;
 
-use super::{Edge, Value, attitude, layout::Layout, missing};
+use super::{FrameTransform, Value, attitude, layout::Layout, missing};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     layout.has("transforms.child_frame_id") && layout.has("transforms.transform.rotation")
 }
 
-pub fn decode(value: &Value<'_>) -> Result<Vec<Edge>, String> {
+pub fn decode(value: &Value<'_>) -> Result<Vec<FrameTransform>, String> {
     let list = value.list("transforms").ok_or_else(|| missing("transforms"))?;
     let name = |v: &Value<'_>, path: &str| {
         v.text(path).map(|s| String::from(s.trim_start_matches('/'))).ok_or_else(|| missing(path))
@@ -20,7 +20,11 @@ pub fn decode(value: &Value<'_>) -> Result<Vec<Edge>, String> {
             .and_then(attitude)
             .ok_or("a transform without a rotation")?;
         let pose = nalgebra::Isometry3::from_parts(Vector3::from(t).into(), q);
-        Ok(Edge { parent: name(v, "header.frame_id")?, child: name(v, "child_frame_id")?, pose })
+        Ok(FrameTransform {
+            parent: name(v, "header.frame_id")?,
+            child: name(v, "child_frame_id")?,
+            pose,
+        })
     };
     list.iter().map(edge).collect()
 }

@@ -3,7 +3,7 @@
 
 /// How added messages are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OutputWire {
+pub enum WireFormat {
     /// ROS 2
     Cdr,
     /// ROS 1: the same without header, alignment and NUL; headers have a number
@@ -15,7 +15,7 @@ pub enum OutputWire {
 
 /// Writes one message.
 pub struct Writer {
-    wire: OutputWire,
+    wire: WireFormat,
     bytes: Vec<u8>,
     /// protobuf's number of the next field
     next: u32,
@@ -29,8 +29,8 @@ const FIXED32: u32 = 5;
 
 impl Writer {
     /// An empty message; CDR begins with its encapsulation header.
-    pub fn new(wire: OutputWire) -> Self {
-        let bytes = if wire == OutputWire::Cdr { vec![0, 1, 0, 0] } else { Vec::new() };
+    pub fn new(wire: WireFormat) -> Self {
+        let bytes = if wire == WireFormat::Cdr { vec![0, 1, 0, 0] } else { Vec::new() };
         Self { wire, bytes, next: 1 }
     }
 
@@ -41,7 +41,7 @@ impl Writer {
 
     /// Bytes as they are, aligned to `size` in CDR.
     fn aligned(mut self, bytes: &[u8], size: usize) -> Self {
-        if self.wire == OutputWire::Cdr {
+        if self.wire == WireFormat::Cdr {
             let position = self.bytes.len() - 4;
             self.bytes.resize(4 + position.next_multiple_of(size), 0);
         }
@@ -66,7 +66,7 @@ impl Writer {
     }
 
     fn is_protobuf(&self) -> bool {
-        self.wire == OutputWire::Protobuf
+        self.wire == WireFormat::Protobuf
     }
 
     /// `uint8`, `bool`; a protobuf enum
@@ -123,10 +123,10 @@ impl Writer {
     /// `string`
     pub fn text(self, v: &str) -> Self {
         match self.wire {
-            OutputWire::Cdr => {
+            WireFormat::Cdr => {
                 self.u32(v.len() as u32 + 1).aligned(v.as_bytes(), 1).aligned(&[0], 1)
             }
-            OutputWire::Ros1 | OutputWire::Protobuf => self.bytes(v.as_bytes()),
+            WireFormat::Ros1 | WireFormat::Protobuf => self.bytes(v.as_bytes()),
         }
     }
 
@@ -144,7 +144,7 @@ impl Writer {
     pub fn time(self, sec: i32, nanosec: u32) -> Self {
         if self.is_protobuf() {
             // Negative seconds are sign-extended, as int64 is.
-            let inner = Self::new(OutputWire::Protobuf)
+            let inner = Self::new(WireFormat::Protobuf)
                 .key(VARINT)
                 .varint(i64::from(sec) as u64)
                 .key(VARINT)
@@ -158,7 +158,7 @@ impl Writer {
     /// `std_msgs/Header`; in protobuf the fields `timestamp` and `frame_id`. ROS 1's number of the
     /// header is 0.
     pub fn header(self, sec: i32, nanosec: u32, frame_id: &str) -> Self {
-        let numbered = if self.wire == OutputWire::Ros1 { self.u32(0) } else { self };
+        let numbered = if self.wire == WireFormat::Ros1 { self.u32(0) } else { self };
         numbered.time(sec, nanosec).text(frame_id)
     }
 

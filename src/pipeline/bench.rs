@@ -109,7 +109,7 @@ impl Bench {
         let survey = &self.log.survey;
         let decoder = self.log.scan.decoders.get(&message.channel)?;
         let value = decoder.read(message.data()).ok()?;
-        let Kind::Picture(read) = decoder.message_type.kind else { return None };
+        let Kind::Image(read) = decoder.message_type.kind else { return None };
         let mut picture = decode(&read(&value).ok()?, self.light()).ok()?;
         survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).ok()?;
         let stamp = survey.frames.get(index)?.stamp;
@@ -237,7 +237,7 @@ impl Bench {
     fn with_codes(&self, message: &Message, work: impl FnOnce(&Codes<'_>)) -> Option<()> {
         let decoder = self.log.scan.decoders.get(&message.channel)?;
         let value = decoder.read(message.data()).ok()?;
-        let Kind::Picture(read) = decoder.message_type.kind else { return None };
+        let Kind::Image(read) = decoder.message_type.kind else { return None };
         work(&codes(&read(&value).ok()?, self.light()).ok()?);
         Some(())
     }

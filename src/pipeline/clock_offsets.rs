@@ -212,7 +212,7 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
 }
 
 fn shifted(pings: &Pings, shift_s: f64) -> Pings {
-    let moved = pings.all().map(|p| Ping { stamp: p.stamp.later(shift_s), ..p }).collect();
+    let moved = pings.all().map(|p| Ping { stamp: p.stamp.plus_seconds(shift_s), ..p }).collect();
     Pings::new(moved, pings.attitude().clone())
 }
 
@@ -274,7 +274,7 @@ fn turned_misfits(
     shift_s: f64,
 ) -> Vec<Option<f64>> {
     let turned = |(stamp, normal): &(Stamp, Vector3<f64>)| {
-        Some(attitude.world_from_body(stamp.later(-shift_s))? * normal)
+        Some(attitude.world_from_body(stamp.plus_seconds(-shift_s))? * normal)
     };
     let stretch = |stamp: Stamp| {
         normals.first().map_or(0, |first| (stamp.seconds_since(first.0) / STRETCH_S) as i64)

@@ -21,9 +21,9 @@ use crate::correct::{Correction, MeanFrames};
 use crate::error::{Error, Result};
 use crate::estimate::as_modelled;
 use crate::image::Container;
-use crate::messages::writer::OutputWire;
+use crate::messages::writer::WireFormat;
 use crate::model::{Frustum, GlowTable, ImagingModel, ModelFile};
-use crate::recording::{Output, Recording, Window, ensure_distinct};
+use crate::recording::{Output, Recording, Window, check_output_path};
 use crate::report::Report;
 use crate::vehicle::{CameraFacts, Rig, RigFile};
 
@@ -294,7 +294,7 @@ pub fn correct_all(
 
 fn ensure_writable(input: &Path, output: &Path, options: &Options) -> Result<()> {
     options.config.ensure_valid().map_err(Error::Usage)?;
-    ensure_distinct(input, output, options.force)?;
+    check_output_path(input, output, options.force)?;
     only(options).map(drop)
 }
 
@@ -397,7 +397,7 @@ impl Ready {
         &'r self,
         is_first: bool,
         options: &'r Options,
-        wire: OutputWire,
+        wire: WireFormat,
     ) -> OfCamera<'r> {
         let Self {
             prepared: Prepared { scan, survey, .. },
@@ -450,8 +450,8 @@ fn write_corrected(
     let wire = output_wire(first, &options.config);
     // A profile promises how every channel is encoded.
     let profile = match (first.recording.profile.as_str(), wire) {
-        ("ros1", OutputWire::Cdr | OutputWire::Protobuf)
-        | ("ros2", OutputWire::Ros1 | OutputWire::Protobuf) => "",
+        ("ros1", WireFormat::Cdr | WireFormat::Protobuf)
+        | ("ros2", WireFormat::Ros1 | WireFormat::Protobuf) => "",
         (profile, _) => profile,
     };
     let source_sha256 = first.recording.sha256()?;
@@ -511,16 +511,16 @@ fn pass_one(
 }
 
 /// How added messages are encoded.
-fn output_wire(prepared: &Prepared, config: &Config) -> OutputWire {
+fn output_wire(prepared: &Prepared, config: &Config) -> WireFormat {
     let of_camera =
         prepared.survey.camera_channels.first().and_then(|id| prepared.recording.channels.get(id));
     match config.output.encoding {
         OutputEncoding::Auto if of_camera.is_some_and(|c| c.message_encoding == "protobuf") => {
-            OutputWire::Protobuf
+            WireFormat::Protobuf
         }
-        OutputEncoding::Auto | OutputEncoding::Cdr => OutputWire::Cdr,
-        OutputEncoding::Ros1 => OutputWire::Ros1,
-        OutputEncoding::Protobuf => OutputWire::Protobuf,
+        OutputEncoding::Auto | OutputEncoding::Cdr => WireFormat::Cdr,
+        OutputEncoding::Ros1 => WireFormat::Ros1,
+        OutputEncoding::Protobuf => WireFormat::Protobuf,
     }
 }
 

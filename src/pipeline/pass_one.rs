@@ -181,8 +181,10 @@ pub fn collect(
         );
         taken.eight_bit = bits <= 8;
         let plane_at = |offset_s: f64| {
-            let plane =
-                survey.pings.seafloor(stamp.later(offset_s), &survey.rig, &config.seafloor).ok()?;
+            let plane = survey
+                .pings
+                .seafloor(stamp.plus_seconds(offset_s), &survey.rig, &config.seafloor)
+                .ok()?;
             Some((plane.normal, plane.distance_m))
         };
         taken.planes_around =
@@ -222,7 +224,7 @@ fn decoded(
     room: &mut Room,
 ) -> std::result::Result<(SensorImage, u8), String> {
     let value = decoder.read(message.data())?;
-    let Kind::Picture(read) = decoder.message_type.kind else { return Err("no picture".into()) };
+    let Kind::Image(read) = decoder.message_type.kind else { return Err("no picture".into()) };
     let light = Light {
         transfer: config.light.transfer,
         white_level: survey.white_level,

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::geometry::SeafloorPlane;
 use crate::image::Container;
 use crate::image::transfer::{Shoulder, SrgbTable};
-use crate::messages::Heading;
+use crate::messages::Header;
 use crate::parallel::{Job, Threads};
 use crate::recording::{
     Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window,
@@ -92,7 +92,7 @@ struct Added {
 /// A frame after the work on it.
 struct Done {
     message: Message,
-    heading: Heading,
+    header: Header,
     plane: Option<SeafloorPlane>,
     /// the raw picture for the eye
     preview: Option<Vec<u8>>,
@@ -173,7 +173,8 @@ impl PassTwo<'_> {
         let pack = |piece: Piece| Ok(piece.into_bytes());
         let chunks = threads.count() * CHUNKS_PER_CORE;
         threads.lanes(|lanes| {
-            let blocks = self.recording.blocks().iter().filter(|block| block.may_hold(self.window));
+            let blocks =
+                self.recording.blocks().iter().filter(|block| block.may_overlap(self.window));
             // Two at least, however large: one is read while the other is worked on.
             let blocks = blocks.map(|block| (block.weight().min(chunks / 2), Job::Work(block)));
             let items = lanes
@@ -276,7 +277,7 @@ impl PassTwo<'_> {
                 out.copy_chunk(chunk);
             }
             Outcome::Other(message) => {
-                out.copy(&message);
+                out.copy_message(&message);
                 copied = 1;
             }
             Outcome::Frame { camera, done, in_chunk } => {
@@ -289,7 +290,7 @@ impl PassTwo<'_> {
                     self.copy_channel(out, done.message.channel);
                 }
                 if !in_chunk && (is_kept == Some(true) || spared) {
-                    out.copy(&done.message);
+                    out.copy_message(&done.message);
                     copied = 1;
                 }
                 let Account { added, tally, report } = &mut accounts[camera];

@@ -8,7 +8,8 @@ use nalgebra::UnitQuaternion;
 use crate::image::decode::{Light, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
 use crate::messages::{
-    Decoder, DepthPixels, Edge, HeightCheck, Kind, NamedNumber, attitude_frame, heading,
+    AltitudeCheck, Decoder, DepthSamples, FrameTransform, Kind, RadiometrySetting, attitude_frame,
+    header,
 };
 use crate::recording::{Block, Channel, Contents, Damage, Entry, Message, Recording, Window};
 use crate::units::Stamp;
@@ -60,21 +61,21 @@ pub struct ChannelScan {
     /// what the decoder had to mend, each once
     pub remarks: Vec<String>,
     /// depth pictures: what becomes beams of the ping of the same number
-    pub depths: Vec<DepthPixels>,
+    pub depths: Vec<DepthSamples>,
     /// the codec, where the channel holds video
     pub video: Option<String>,
     /// altitudes held against ranges
-    pub heights: Vec<HeightCheck>,
+    pub heights: Vec<AltitudeCheck>,
     /// attitudes with the log time
     pub attitudes: Vec<(Stamp, Stamp, UnitQuaternion<f64>)>,
     /// settings of camera or strobe, by name
-    pub settings: Vec<(Stamp, Vec<NamedNumber>)>,
+    pub settings: Vec<(Stamp, Vec<RadiometrySetting>)>,
     /// messages that say they have no attitude
     pub without_attitude: u64,
     /// the first calibration that is one, and whether any said "not calibrated"
     pub camera: Option<Calibration>,
     /// TF edges, first of each child
-    pub edges: Vec<Edge>,
+    pub edges: Vec<FrameTransform>,
 }
 
 /// What a log holds.
@@ -208,7 +209,7 @@ fn wanted_blocks(recording: &Recording, window: Window) -> Vec<(u32, &Block)> {
         None => true,
         Some(channels) => {
             let first = channels.iter().filter(|id| met.insert(**id)).count() > 0;
-            first || channels.iter().any(is_latched) || block.may_hold(window)
+            first || channels.iter().any(is_latched) || block.may_overlap(window)
         }
     };
     (0..).zip(recording.blocks()).filter(|block| wanted(block)).collect()
@@ -238,7 +239,7 @@ impl Scan {
         };
         of_channel.shape_asked = true;
         if let Some(decoder) = self.decoders.get_mut(&message.channel) {
-            decoder.settle(&channel.topic, message.data());
+            decoder.refine(&channel.topic, message.data());
         } else if channel.schema_id == 0 && channel.message_encoding == "json" {
             match Decoder::for_json(&channel.topic, message.data()) {
                 Ok(Some(decoder)) => {
@@ -251,7 +252,7 @@ impl Scan {
     }
 
     fn take(&mut self, message: &Message, place: (u32, u32), window: Window, dvl: &DvlFacts) {
-        let inside = window.holds(message.log_time);
+        let inside = window.contains(message.log_time);
         let Some(channel) = self.channels.get_mut(&message.channel) else {
             self.homeless += u64::from(inside);
             return;
@@ -269,10 +270,10 @@ impl Scan {
         }
         if let Err(complaint) = channel.read(decoder, kind, message, place, dvl) {
             // A picture that cannot be read is still a frame: both passes count it.
-            if matches!(kind, Kind::Picture(_)) {
+            if matches!(kind, Kind::Image(_)) {
                 channel.frames.push(FrameRef {
-                    stamp: message.logged(),
-                    logged: message.logged(),
+                    stamp: message.log_stamp(),
+                    logged: message.log_stamp(),
                     place,
                 });
             }
@@ -292,8 +293,8 @@ impl ChannelScan {
         dvl: &DvlFacts,
     ) -> Result<(), String> {
         let value = decoder.read(message.data())?;
-        let said = heading(&value);
-        let logged = message.logged();
+        let said = header(&value);
+        let logged = message.log_stamp();
         let stamp = said.stamp.unwrap_or(logged);
         match said.stamp {
             Some(stamp) => self.offsets.push(stamp.seconds_since(logged)),
@@ -307,7 +308,7 @@ impl ChannelScan {
             };
         }
         match kind {
-            Kind::Picture(decode) => {
+            Kind::Image(decode) => {
                 self.largest_picture = self.largest_picture.max(message.data().len());
                 let picture = decode(&value)?;
                 if let EncodedImage::Video { codec } = picture {
@@ -344,11 +345,11 @@ impl ChannelScan {
                 }
                 None => self.without_attitude += 1,
             },
-            Kind::LightSetting(decode) => self.settings.push((stamp, decode(&value)?)),
+            Kind::Radiometry(decode) => self.settings.push((stamp, decode(&value)?)),
             Kind::Ping(_, decode) => {
                 let reading = decode(&value, dvl)?;
-                self.heights.extend(reading.height);
-                if let Some(remark) = reading.remark
+                self.heights.extend(reading.altitude_check);
+                if let Some(remark) = reading.warning
                     && !self.remarks.contains(&remark)
                 {
                     self.remarks.push(remark);
@@ -356,7 +357,7 @@ impl ChannelScan {
                 if let Some(mut ping) = reading.ping {
                     ping.stamp = stamp;
                     self.pings.push((ping, logged));
-                    self.depths.extend(reading.pixels);
+                    self.depths.extend(reading.depth);
                 }
             }
         }

@@ -143,7 +143,7 @@ pub fn survey(
     let (mut remarks, mut warnings) = (Vec::new(), Vec::new());
     let camera_topic = choose_camera(recording, scan, selection, &mut remarks)?;
     let camera_channels =
-        channels_of(recording, scan, &camera_topic, |k| matches!(k, Kind::Picture(_)));
+        channels_of(recording, scan, &camera_topic, |k| matches!(k, Kind::Image(_)));
     let of_camera: Vec<&ChannelScan> =
         camera_channels.iter().filter_map(|id| scan.channels.get(id)).collect();
     let picture = of_camera.iter().find_map(|c| c.picture);
@@ -185,7 +185,7 @@ pub fn survey(
 
     let offset_s = checks::offset_s(rig_file, &camera_topic);
     let mut frames = frames;
-    frames.iter_mut().for_each(|f| f.stamp = f.stamp.later(offset_s));
+    frames.iter_mut().for_each(|f| f.stamp = f.stamp.plus_seconds(offset_s));
     for (name, id) in
         [(&camera_topic, camera_channels.first().copied()), (&dvl_topic, Some(dvl_id))]
     {
@@ -274,7 +274,7 @@ pub fn survey(
                 if !trusted {
                     ping.stamp = shifted(logged, clock);
                 }
-                ping.stamp = ping.stamp.later(offset_s);
+                ping.stamp = ping.stamp.plus_seconds(offset_s);
                 ping
             })
             .collect();
@@ -505,7 +505,7 @@ fn on_camera_clock(offset: Option<f64>, camera: Option<f64>) -> bool {
 
 /// A log time moved to the camera's clock.
 fn shifted(logged: Stamp, camera: Option<f64>) -> Stamp {
-    logged.later(camera.unwrap_or(0.0))
+    logged.plus_seconds(camera.unwrap_or(0.0))
 }
 
 /// The attitude channel with most samples; its sensor's mount is taken out.
@@ -549,7 +549,7 @@ fn attitude(
     let trusted = on_camera_clock(channel.clock_offset_s, clock);
     let offset_s = checks::offset_s(rig_file, &name);
     let at = |stamp: &Stamp, logged: &Stamp| {
-        if trusted { *stamp } else { shifted(*logged, clock) }.later(offset_s)
+        if trusted { *stamp } else { shifted(*logged, clock) }.plus_seconds(offset_s)
     };
     let samples = channel
         .attitudes

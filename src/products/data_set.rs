@@ -150,7 +150,7 @@ fn still(
 ) -> std::result::Result<(Vec<u8>, &'static str), String> {
     let decoder = log.scan.decoders.get(&message.channel).ok_or("its type is not known")?;
     let value = decoder.read(message.data())?;
-    let Kind::Picture(read) = decoder.message_type.kind else {
+    let Kind::Image(read) = decoder.message_type.kind else {
         return Err("its channel holds no pictures".into());
     };
     match read(&value)? {

@@ -10,7 +10,7 @@ use std::path::Path;
 use crate::config::{Config, SETTINGS};
 use crate::error::{Error, Result};
 use crate::messages::value::Value;
-use crate::messages::{Decoder, heading};
+use crate::messages::{Decoder, header};
 use crate::model::ModelFile;
 use crate::pipeline::bench::Bench;
 use crate::pipeline::scan::Scan;
@@ -164,7 +164,7 @@ impl CorrectedLog {
                     .take()
                     .filter(|(time, _)| *time == message.log_time)
                     .map(|(_, floor)| floor);
-                let record = frame_record(&value, message.log_time, message.logged(), floor);
+                let record = frame_record(&value, message.log_time, message.log_stamp(), floor);
                 self.cameras[*index].frames.push(record);
             } else {
                 let number = |key: &str| value.number(key).unwrap_or(f64::NAN);
@@ -228,7 +228,7 @@ pub fn messages_of<'r>(
     window: Window,
 ) -> impl Iterator<Item = Message> + 'r {
     let may_hold = move |block: &&Block| {
-        block.may_hold(window)
+        block.may_overlap(window)
             && block.channels().is_none_or(|c| c.iter().any(|id| channels.contains(id)))
     };
     let read = move |block: &Block| {
@@ -285,7 +285,7 @@ fn frame_record(
 ) -> FrameRecord {
     FrameRecord {
         log_time,
-        stamp: heading(value).stamp.unwrap_or(logged),
+        stamp: header(value).stamp.unwrap_or(logged),
         corrected: value.flag("corrected").unwrap_or(false),
         reason: value.text("reason").unwrap_or("").into(),
         altitude_m: value.number("camera_altitude_m").unwrap_or(f64::NAN),

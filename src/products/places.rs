@@ -12,7 +12,7 @@ use super::dive::messages_of;
 use crate::coordinates::Point;
 use crate::geometry::SeafloorPlane;
 use crate::messages::value::Value;
-use crate::messages::{Decoder, heading};
+use crate::messages::{Decoder, header};
 use crate::pipeline::Prepared;
 use crate::recording::{Channel, Recording, Window};
 use crate::units::Stamp;
@@ -77,7 +77,7 @@ impl Places {
                 continue;
             };
             let Ok(value) = decoder.read(message.data()) else { continue };
-            let stamp = heading(&value).stamp.unwrap_or(message.logged());
+            let stamp = header(&value).stamp.unwrap_or(message.log_stamp());
             if let Some(fix) = fix(&value, stamp) {
                 places.fixes.entry(channel.topic.clone()).or_default().push(fix);
             } else if let Some(pose) = pose(&value, stamp) {

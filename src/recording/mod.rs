@@ -15,10 +15,10 @@ mod source;
 mod write;
 
 pub use read::{
-    Attachment, Block, Channel, Contents, Damage, Entry, Message, PackedChunk, Recording, Schema,
+    Attachment, Block, Channel, Contents, Damage, Entry, Message, RawChunk, Recording, Schema,
     Window,
 };
 pub use write::{
-    NewAttachment, NewChannel, Output, OutputFile, Piece, PieceBytes, ensure_distinct,
+    NewAttachment, NewChannel, Output, OutputFile, Piece, PieceBytes, check_output_path,
     remove_unfinished,
 };

@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 use walk::MAGIC;
 
 pub use attachment::Attachment;
-pub use block::{Block, Contents, PackedChunk};
+pub use block::{Block, Contents, RawChunk};
 pub use message::Message;
 
 /// A schema of the log.
@@ -80,7 +80,7 @@ impl Window {
     pub const ALL: Self = Self { start: 0, end: u64::MAX };
 
     /// Whether a log time lies inside.
-    pub fn holds(&self, log_time: u64) -> bool {
+    pub fn contains(&self, log_time: u64) -> bool {
         log_time >= self.start && (log_time < self.end || self.end == u64::MAX)
     }
 }
@@ -255,13 +255,13 @@ impl Recording {
     /// Messages whose log time lies in the window, in the order of the file, with what could not be
     /// read.
     pub fn messages(&self, window: Window) -> impl Iterator<Item = Entry> + '_ {
-        self.blocks.iter().filter(move |b| b.may_hold(window)).flat_map(move |block| {
-            match self.contents(block, window) {
-                Ok(contents) => contents.entries,
-                Err(e) => {
-                    let reason = format!("it cannot be read any more: {e}");
-                    vec![Entry::Damaged(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })]
-                }
+        self.blocks.iter().filter(move |b| b.may_overlap(window)).flat_map(move |block| match self
+            .contents(block, window)
+        {
+            Ok(contents) => contents.entries,
+            Err(e) => {
+                let reason = format!("it cannot be read any more: {e}");
+                vec![Entry::Damaged(Damage { offset: 0, start_ns: 0, end_ns: 0, reason })]
             }
         })
     }

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::path::Path;
 
-use super::read::{Channel, Message, PackedChunk, Schema};
+use super::read::{Channel, Message, RawChunk, Schema};
 use crate::config::{Compression, OutputConfig};
 use crate::error::{Error, Result};
 
@@ -21,7 +21,7 @@ pub use piece::{Piece, PieceBytes};
 ///
 /// # Errors
 /// [`Error::OutputIsInput`], [`Error::OutputExists`].
-pub fn ensure_distinct(input: &Path, output: &Path, force: bool) -> Result<()> {
+pub fn check_output_path(input: &Path, output: &Path, force: bool) -> Result<()> {
     let same = match (fs::canonicalize(input), fs::canonicalize(output)) {
         (Ok(a), Ok(b)) => a == b || same_file(&a, &b),
         _ => false,
@@ -150,7 +150,7 @@ impl Output {
 
     /// Whether a chunk of the input may stand in the output as it is: in the compression that was
     /// asked for, if one was.
-    pub fn takes(compression: Compression, chunk: &PackedChunk) -> bool {
+    pub fn can_copy(compression: Compression, chunk: &RawChunk) -> bool {
         match compression {
             Compression::Auto => true,
             Compression::Zstd => chunk.compression == "zstd",
@@ -160,7 +160,7 @@ impl Output {
     }
 
     /// Takes over a chunk as it is, with all its messages.
-    pub fn copy_chunk(&mut self, chunk: PackedChunk) {
+    pub fn copy_chunk(&mut self, chunk: RawChunk) {
         // Messages of the input keep their order; what is added may follow later.
         if self.open.holds_input {
             self.flush();
@@ -169,7 +169,7 @@ impl Output {
     }
 
     /// Takes over a message, byte for byte.
-    pub fn copy(&mut self, message: &Message) {
+    pub fn copy_message(&mut self, message: &Message) {
         self.open.holds_input = true;
         self.message(
             message.channel,

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{CameraViews, bands};
+use super::{CameraTopics, bands};
 
 /// Panels by their ids, while the tree is built.
 #[derive(Default)]
@@ -19,7 +19,7 @@ impl Panels {
 }
 
 /// The layout as JSON, for "Import from file".
-pub fn foxglove(cameras: &[CameraViews]) -> String {
+pub fn foxglove(cameras: &[CameraTopics]) -> String {
     let mut panels = Panels::default();
     let mut trees: Vec<(String, Value)> =
         cameras.iter().map(|c| (c.name.clone(), of_camera(c, &mut panels))).collect();
@@ -42,7 +42,7 @@ pub fn foxglove(cameras: &[CameraViews]) -> String {
     serde_json::to_string_pretty(&layout).unwrap_or_default() + "\n"
 }
 
-fn of_camera(camera: &CameraViews, panels: &mut Panels) -> Value {
+fn of_camera(camera: &CameraTopics, panels: &mut Panels) -> Value {
     let image = |panels: &mut Panels, topic: &Option<String>, title: &str| {
         topic.as_ref().map(|t| {
             panels.add(
@@ -83,7 +83,7 @@ fn of_camera(camera: &CameraViews, panels: &mut Panels) -> Value {
 }
 
 /// The seafloor with the picture on it, the strobe and its beam, in the seafloor's frame: z up.
-fn scene(camera: &CameraViews) -> Value {
+fn scene(camera: &CameraTopics) -> Value {
     let mut topics = serde_json::Map::new();
     let mut show = |topic: &Option<String>, settings: Value| {
         if let Some(topic) = topic {

@@ -15,7 +15,7 @@ use crate::recording::Recording;
 
 /// The topics of one corrected camera; those that the log does not hold are `None`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CameraViews {
+pub struct CameraTopics {
     /// the camera's own topic, as it was recorded
     pub name: String,
     /// raw pictures that a viewer can draw: those for the eye, else those of the camera
@@ -47,7 +47,7 @@ pub struct CameraViews {
 }
 
 /// The cameras that were corrected, in the order of their records; empty where none was.
-pub fn cameras(recording: &Recording) -> Vec<CameraViews> {
+pub fn cameras(recording: &Recording) -> Vec<CameraTopics> {
     recording
         .metadata
         .iter()
@@ -62,7 +62,7 @@ pub fn cameras(recording: &Recording) -> Vec<CameraViews> {
                 recording.channels.values().any(|c| c.topic == topic).then_some(topic)
             };
             let ours = |name: &str| held(format!("/unwater{place}/{name}"));
-            Some(CameraViews {
+            Some(CameraTopics {
                 raw: ours("raw/compressed").or_else(|| held(camera.clone())),
                 corrected: held(corrected),
                 camera_info: camera_info_of(recording, &camera),

@@ -4,12 +4,12 @@
 
 use serde_json::{Value, json};
 
-use super::{CameraViews, bands};
+use super::{CameraTopics, bands};
 
 const SCRIPT: &str = include_str!("rerun.py");
 
 /// The script for a log that lies at `log`, which may also be given on its command line.
-pub fn rerun(cameras: &[CameraViews], log: &str) -> String {
+pub fn rerun(cameras: &[CameraTopics], log: &str) -> String {
     let views: Vec<Value> = cameras.iter().map(of_camera).collect();
     // JSON's null is not Python's: the script reads the text.
     let text =
@@ -17,7 +17,7 @@ pub fn rerun(cameras: &[CameraViews], log: &str) -> String {
     SCRIPT.replace("@VIEWS@", &text.replace('\\', "\\\\").replace("'''", "\\'\\'\\'"))
 }
 
-fn of_camera(camera: &CameraViews) -> Value {
+fn of_camera(camera: &CameraTopics) -> Value {
     json!({
         "name": camera.name,
         "raw": camera.raw,

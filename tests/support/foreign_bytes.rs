@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use unwater::config::Config;
 use unwater::image::EncodedImage;
 use unwater::image::decode::{Light, decode, describe, grey16, size};
-use unwater::messages::{Decoder, Kind, heading};
+use unwater::messages::{Decoder, Kind, header};
 use unwater::model::ModelFile;
 use unwater::pipeline::survey::Selection;
 use unwater::pipeline::survey::survey;
@@ -62,7 +62,7 @@ fn message(message_encoding: &str, schema_encoding: &str, bytes: &[u8]) {
     if let Ok(Some(mut decoder)) =
         Decoder::for_channel(topic, message_encoding, name, schema_encoding, schema)
     {
-        decoder.settle(topic, message);
+        decoder.refine(topic, message);
         exercise(&decoder, message);
     }
     // Whatever shape the schema has, its messages are read by it.
@@ -74,9 +74,9 @@ fn message(message_encoding: &str, schema_encoding: &str, bytes: &[u8]) {
 /// Everything that is done with a message.
 pub fn exercise(decoder: &Decoder, data: &[u8]) {
     let Ok(value) = decoder.read(data) else { return };
-    let _heading = heading(&value);
+    let _heading = header(&value);
     match decoder.message_type.kind {
-        Kind::Picture(read) => {
+        Kind::Image(read) => {
             if let Ok(picture) = read(&value)
                 && let Ok(decoded) = decode(&picture, Light::default())
             {
@@ -90,7 +90,7 @@ pub fn exercise(decoder: &Decoder, data: &[u8]) {
         }
         Kind::Transforms(read) => drop(read(&value)),
         Kind::Attitude(read) => drop(read(&value)),
-        Kind::LightSetting(read) => drop(read(&value)),
+        Kind::Radiometry(read) => drop(read(&value)),
         Kind::Ping(_, read) => {
             let of_path = DvlFacts {
                 path: Some("beams.distance".into()),

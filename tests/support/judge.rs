@@ -81,7 +81,7 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
                     .unwrap()
                     .unwrap();
             let value = decoder.read(message.data()).unwrap();
-            let Kind::Picture(read) = decoder.message_type.kind else { panic!("no picture") };
+            let Kind::Image(read) = decoder.message_type.kind else { panic!("no picture") };
             pictures
                 .push(decode(&read(&value).unwrap(), Light::default()).unwrap().image.into_bands());
         }

@@ -4,8 +4,8 @@
 use nalgebra::Isometry3;
 
 use super::super::descriptor::{Form, ProtoType};
-use super::super::writer::{OutputWire, Writer};
-use super::{Heading, OutputType, begun};
+use super::super::writer::{WireFormat, Writer};
+use super::{Header, OutputType, begun};
 
 /// A point as the viewers draw it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,7 +127,7 @@ static NUMERIC_TYPES: [&str; 9] =
 
 /// Place and turn, as protobuf's part of a message.
 fn proto_pose(pose: &Isometry3<f64>) -> Vec<u8> {
-    let part = || Writer::new(OutputWire::Protobuf);
+    let part = || Writer::new(WireFormat::Protobuf);
     let (t, q) = (pose.translation.vector, pose.rotation);
     // All set, also where they are 0: an absent part is a null to a reader of tables.
     part()
@@ -137,38 +137,33 @@ fn proto_pose(pose: &Isometry3<f64>) -> Vec<u8> {
 }
 
 /// `PoseStamped`, in the space of the header's frame.
-pub fn pose(wire: OutputWire, heading: &Heading, pose: &Isometry3<f64>) -> Vec<u8> {
+pub fn pose(wire: WireFormat, header: &Header, pose: &Isometry3<f64>) -> Vec<u8> {
     let (t, q) = (pose.translation.vector, pose.rotation);
-    let headed = begun(wire, heading, 2);
+    let headed = begun(wire, header, 2);
     match wire {
-        OutputWire::Protobuf => headed.bytes(&proto_pose(pose)).finish(),
-        OutputWire::Cdr | OutputWire::Ros1 => {
+        WireFormat::Protobuf => headed.bytes(&proto_pose(pose)).finish(),
+        WireFormat::Cdr | WireFormat::Ros1 => {
             headed.f64s(&[t.x, t.y, t.z, q.i, q.j, q.k, q.w]).finish()
         }
     }
 }
 
 /// A transform from the frame `child` to the header's: where the child lies in it.
-pub fn transform(
-    wire: OutputWire,
-    heading: &Heading,
-    child: &str,
-    pose: &Isometry3<f64>,
-) -> Vec<u8> {
+pub fn transform(wire: WireFormat, header: &Header, child: &str, pose: &Isometry3<f64>) -> Vec<u8> {
     let (t, q) = (pose.translation.vector, pose.rotation);
     let (place, turn) = ([t.x, t.y, t.z], [q.i, q.j, q.k, q.w]);
-    if wire == OutputWire::Protobuf {
+    if wire == WireFormat::Protobuf {
         let part = |values: &[f64]| Writer::new(wire).f64s(values).finish();
-        return begun(wire, heading, 2)
+        return begun(wire, header, 2)
             .text(child)
             .bytes(&part(&place))
             .bytes(&part(&turn))
             .finish();
     }
-    let (sec, nanosec) = super::time(heading.stamp.unwrap_or_default());
+    let (sec, nanosec) = super::time(header.stamp.unwrap_or_default());
     Writer::new(wire)
         .u32(1)
-        .header(sec, nanosec, &heading.frame_id)
+        .header(sec, nanosec, &header.frame_id)
         .text(child)
         .f64s(&place)
         .f64s(&turn)
@@ -178,8 +173,8 @@ pub fn transform(
 /// `PointCloud2`: x, y, z [m] and a colour, 20 bytes a point. The colour stands twice: as `rgb`,
 /// where ROS's tools and Foxglove look for it, and as `colors`, where rerun does. In Foxglove's own
 /// type it is four fields of 16 bytes in all, which both read.
-pub fn point_cloud(wire: OutputWire, heading: &Heading, points: &[ScenePoint]) -> Vec<u8> {
-    let is_protobuf = wire == OutputWire::Protobuf;
+pub fn point_cloud(wire: WireFormat, header: &Header, points: &[ScenePoint]) -> Vec<u8> {
+    let is_protobuf = wire == WireFormat::Protobuf;
     let step = if is_protobuf { 16 } else { 20 };
     let mut data = Vec::with_capacity(points.len() * step as usize);
     for ScenePoint { at, rgb: [r, g, b] } in points {
@@ -189,7 +184,7 @@ pub fn point_cloud(wire: OutputWire, heading: &Heading, points: &[ScenePoint]) -
             false => data.extend([*b, *g, *r, 0, 255, *b, *g, *r]),
         }
     }
-    let headed = begun(wire, heading, 2);
+    let headed = begun(wire, header, 2);
     if is_protobuf {
         let fields = [
             ("x", 0, 7),

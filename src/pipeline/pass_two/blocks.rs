@@ -7,12 +7,12 @@ use super::{Done, PassTwo};
 use crate::error::{Error, Result};
 use crate::image::transfer::SrgbTable;
 use crate::parallel::Job;
-use crate::recording::{Block, Entry, Message, Output, PackedChunk};
+use crate::recording::{Block, Entry, Message, Output, RawChunk};
 
 /// What a block gives, in its order. `in_chunk` is true of a message that goes through in a chunk
 /// as it is.
 pub enum Item {
-    Chunk { chunk: PackedChunk, has_frames: bool },
+    Chunk { chunk: RawChunk, has_frames: bool },
     Frame { camera: usize, message: Message, in_chunk: bool },
     Other(Message),
     Failed(Error),
@@ -28,7 +28,7 @@ pub struct Frame {
 
 /// An item when its turn comes.
 pub enum Outcome {
-    Chunk(PackedChunk),
+    Chunk(RawChunk),
     Frame { camera: usize, done: Box<Done>, in_chunk: bool },
     Other(Message),
     Failed(Error),
@@ -45,7 +45,7 @@ impl PassTwo<'_> {
         let contents = self.recording.read(block, self.window)?;
         let is_kept = |channel: &u16| kept.get(channel).copied().unwrap_or(false);
         let whole = contents.chunk.filter(|chunk| {
-            Output::takes(self.config.output.compression, chunk)
+            Output::can_copy(self.config.output.compression, chunk)
                 && chunk.messages.iter().all(|m| is_kept(&m.0))
         });
         let in_chunk = whole.is_some();

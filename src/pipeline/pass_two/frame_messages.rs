@@ -5,7 +5,7 @@ use super::tally::Tally;
 use super::{Added, Done, OfCamera};
 use crate::coordinates::{Direction, Optical};
 use crate::correct::FrameFacts;
-use crate::messages::Heading;
+use crate::messages::Header;
 use crate::messages::output::{self, Level};
 use crate::model::LightSettingFile;
 use crate::recording::{NewChannel, Output};
@@ -27,17 +27,17 @@ impl OfCamera<'_> {
             count += 1;
             out.write(channel, log_time, publish_time, data);
         };
-        let stamp = done.heading.stamp.unwrap_or(done.message.logged());
+        let stamp = done.header.stamp.unwrap_or(done.message.log_stamp());
         if is_first {
             for (level, text) in self.opening_lines() {
                 put(out, added.log, &output::log(self.wire, stamp, level, &text));
             }
-            put(out, added.beam_pattern, &self.beam_pattern_message(&done.heading));
+            put(out, added.beam_pattern, &self.beam_pattern_message(&done.header));
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
             put(
                 out,
                 added.beam_picture,
-                &output::compressed_image(self.wire, &done.heading, "png", &picture),
+                &output::compressed_image(self.wire, &done.header, "png", &picture),
             );
         }
         if let (Some(channel), Some(preview)) = (added.raw_preview, &done.preview) {
@@ -57,15 +57,15 @@ impl OfCamera<'_> {
                     channel,
                     &output::camera_info(
                         self.wire,
-                        &done.heading,
+                        &done.header,
                         &self.survey.rig.camera.rectified(),
                     ),
                 );
             }
         }
-        put(out, added.strobe, &self.strobe_pose(&done.heading));
+        put(out, added.strobe, &self.strobe_pose(&done.header));
         let (alpha, std) = self.attenuation_at(stamp);
-        let attenuation = output::headed(self.wire, &done.heading)
+        let attenuation = output::with_header(self.wire, &done.header)
             .f64_array(&padded(&alpha))
             .f64_array(&padded(&std));
         put(
@@ -87,14 +87,14 @@ impl OfCamera<'_> {
                 .clamp(-1.0, 1.0)
                 .acos()
                 .to_degrees();
-            let seafloor = output::headed(self.wire, &done.heading)
+            let seafloor = output::with_header(self.wire, &done.header)
                 .f64s(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
                 .u32(plane.hits as u32)
                 .f64s(&[plane.residual_m, plane.nearest_ping_s])
                 .text(plane.support.word());
             put(out, added.seafloor, &seafloor.finish());
-            put(out, added.transform, &self.seafloor_transform(&done.heading, plane));
-            put(out, added.strobe_beam, &self.strobe_beam(&done.heading, plane));
+            put(out, added.transform, &self.seafloor_transform(&done.header, plane));
+            put(out, added.strobe_beam, &self.strobe_beam(&done.header, plane));
             put(
                 out,
                 added.plot_altitude,
@@ -110,8 +110,10 @@ impl OfCamera<'_> {
             Ok(shown) => (true, String::new(), shown.facts),
             Err(reason) => (false, reason.to_string(), UNKNOWN),
         };
-        let frame =
-            output::headed(self.wire, &done.heading).u8(u8::from(corrected)).text(&reason).f64s(&[
+        let frame = output::with_header(self.wire, &done.header)
+            .u8(u8::from(corrected))
+            .text(&reason)
+            .f64s(&[
                 facts.camera_altitude_m,
                 facts.path_length_min_m,
                 facts.path_length_mean_m,
@@ -179,13 +181,13 @@ impl OfCamera<'_> {
         lines
     }
 
-    fn beam_pattern_message(&self, heading: &Heading) -> Vec<u8> {
+    fn beam_pattern_message(&self, header: &Header) -> Vec<u8> {
         let beam = &self.model.beam_pattern;
         let nodes = beam.nodes();
         let angles: Vec<f64> = (0..nodes.count).map(|i| nodes.angle(i).to_degrees()).collect();
         let log_gain: Vec<f64> =
             beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
-        output::headed(self.wire, heading)
+        output::with_header(self.wire, header)
             .f64_sequence(&angles)
             .f64_sequence(&angles)
             .f64_sequence(&log_gain)

@@ -11,9 +11,9 @@ use crate::image::decode::{self, Light};
 use crate::image::noise::Noise;
 use crate::image::transfer::SrgbTable;
 use crate::image::{Container, encode};
-use crate::messages::output::{self, OutputType, WrittenSchema};
-use crate::messages::writer::OutputWire;
-use crate::messages::{Heading, Kind, heading};
+use crate::messages::output::{self, OutputSchema, OutputType};
+use crate::messages::writer::WireFormat;
+use crate::messages::{Header, Kind, header};
 use crate::model::{ImagingModel, ModelFile};
 use crate::recording::{Message, Output, Recording, Schema};
 use crate::report::{Reason, Report};
@@ -45,7 +45,7 @@ pub struct OfCamera<'p> {
     /// the choices
     pub config: &'p Config,
     /// how added messages are encoded
-    pub wire: OutputWire,
+    pub wire: WireFormat,
     /// the model as a file
     pub file: &'p ModelFile,
     /// the model
@@ -100,8 +100,7 @@ impl OfCamera<'_> {
 
     pub(super) fn add_channels(&self, out: &mut Output) -> Result<Added> {
         let mut add = |topic: &str, kind: OutputType| {
-            let WrittenSchema { name, encoding, data, message_encoding } =
-                kind.schema_in(self.wire);
+            let OutputSchema { name, encoding, data, message_encoding } = kind.schema_in(self.wire);
             out.add_channel(
                 topic,
                 message_encoding,
@@ -158,7 +157,7 @@ impl OfCamera<'_> {
     pub(super) fn frame(&self, index: usize, message: Message, srgb: &SrgbTable) -> Done {
         let mut memory = MEMORY.take();
         let container = self.container();
-        let mut said = Heading::default();
+        let mut said = Header::default();
         let (mut plane, mut preview) = (None, None);
         let result = (|| {
             let decoder = self
@@ -167,8 +166,8 @@ impl OfCamera<'_> {
                 .get(&message.channel)
                 .ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
             let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
-            said = heading(&value);
-            let Kind::Picture(read) = decoder.message_type.kind else {
+            said = header(&value);
+            let Kind::Image(read) = decoder.message_type.kind else {
                 return Err(Reason::Undecodable("no picture".into()));
             };
             let Survey { white_level, response, .. } = self.survey;
@@ -188,7 +187,7 @@ impl OfCamera<'_> {
             if self.needs_preview() {
                 preview = Some(self.preview(&said, &codes, srgb).map_err(Reason::Unencodable)?);
             }
-            let stamp = self.survey.frames.get(index).map_or(message.logged(), |f| f.stamp);
+            let stamp = self.survey.frames.get(index).map_or(message.log_stamp(), |f| f.stamp);
             let found = self
                 .survey
                 .pings
@@ -278,12 +277,12 @@ impl OfCamera<'_> {
             shown
         })();
         MEMORY.set(memory);
-        Done { message, heading: said, plane, preview, result }
+        Done { message, header: said, plane, preview, result }
     }
 
     fn encoded(
         &self,
-        heading: &Heading,
+        header: &Header,
         samples: &[u8],
         (width, height, bands): (usize, usize, usize),
         container: Container,
@@ -293,7 +292,7 @@ impl OfCamera<'_> {
         Ok(match container {
             Container::Jpeg { .. } => output::compressed_image(
                 self.wire,
-                heading,
+                header,
                 "jpeg",
                 &encode::jpeg(
                     samples,
@@ -306,7 +305,7 @@ impl OfCamera<'_> {
             ),
             Container::Png => output::compressed_image(
                 self.wire,
-                heading,
+                header,
                 "png",
                 &encode::png(samples, width, height, bands, self.config.render.depth)?,
             ),
@@ -325,7 +324,7 @@ impl OfCamera<'_> {
                 };
                 output::image(
                     self.wire,
-                    heading,
+                    header,
                     width,
                     height,
                     encoding,

@@ -8,7 +8,7 @@ use crate::image::decode::Codes;
 use crate::image::encode;
 use crate::image::reduce::reduced;
 use crate::image::transfer::SrgbTable;
-use crate::messages::Heading;
+use crate::messages::Header;
 use crate::messages::output::{self, ScenePoint};
 
 use super::OfCamera;
@@ -82,7 +82,7 @@ impl OfCamera<'_> {
     /// one that brings the band that reaches farthest to where it stands in the corrected pictures.
     pub(super) fn preview(
         &self,
-        heading: &Heading,
+        header: &Header,
         raw: &Codes<'_>,
         srgb: &SrgbTable,
     ) -> Result<Vec<u8>, String> {
@@ -104,14 +104,14 @@ impl OfCamera<'_> {
             self.config.render.jpeg_quality.min(PREVIEW_QUALITY),
             true,
         )?;
-        Ok(output::compressed_image(self.wire, heading, "jpeg", &jpeg))
+        Ok(output::compressed_image(self.wire, header, "jpeg", &jpeg))
     }
 
     /// The corrected picture laid on the seafloor as it was taken to lie, in the camera's optical
     /// frame.
     pub(super) fn seafloor_cloud(
         &self,
-        heading: &Heading,
+        header: &Header,
         image: &Shown8<'_>,
         view: &View<'_>,
     ) -> Vec<u8> {
@@ -131,21 +131,21 @@ impl OfCamera<'_> {
                 Some(ScenePoint { at: [hit.x as f32, hit.y as f32, hit.z as f32], rgb })
             })
             .collect();
-        output::point_cloud(self.wire, heading, &points)
+        output::point_cloud(self.wire, header, &points)
     }
 
     /// Where the strobe sits and where it looks (z along its beam), in the camera's optical frame;
     /// of several, the first.
-    pub(super) fn strobe_pose(&self, heading: &Heading) -> Vec<u8> {
+    pub(super) fn strobe_pose(&self, header: &Header) -> Vec<u8> {
         let rig = &self.survey.rig;
         let optical_from_strobe =
             rig.body_from_optical.inverse() * rig.strobe.lamps.body_from_strobe();
-        output::pose(self.wire, heading, &optical_from_strobe.isometry())
+        output::pose(self.wire, header, &optical_from_strobe.isometry())
     }
 
     /// Where the seafloor's frame lies: on the plane below the camera, z up, x to the right of the
     /// pictures.
-    pub(super) fn seafloor_transform(&self, heading: &Heading, plane: &SeafloorPlane) -> Vec<u8> {
+    pub(super) fn seafloor_transform(&self, header: &Header, plane: &SeafloorPlane) -> Vec<u8> {
         let rig = &self.survey.rig;
         let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
         let altitude =
@@ -162,7 +162,7 @@ impl OfCamera<'_> {
             (normal * altitude).into(),
             UnitQuaternion::from_rotation_matrix(&turn),
         );
-        output::transform(self.wire, heading, &self.seafloor_frame(), &pose)
+        output::transform(self.wire, header, &self.seafloor_frame(), &pose)
     }
 
     /// The name of the seafloor's frame.
@@ -172,7 +172,7 @@ impl OfCamera<'_> {
 
     /// The axis of every lamp's beam from the lamp to the seafloor, in the camera's optical frame:
     /// a pose alone is not drawn by all viewers.
-    pub(super) fn strobe_beam(&self, heading: &Heading, plane: &SeafloorPlane) -> Vec<u8> {
+    pub(super) fn strobe_beam(&self, header: &Header, plane: &SeafloorPlane) -> Vec<u8> {
         let rig = &self.survey.rig;
         let optical_from_body = rig.body_from_optical.inverse().isometry();
         let mut points = Vec::new();
@@ -188,6 +188,6 @@ impl OfCamera<'_> {
                 ScenePoint { at: [at.x as f32, at.y as f32, at.z as f32], rgb: [255, 214, 64] }
             }));
         }
-        output::point_cloud(self.wire, heading, &points)
+        output::point_cloud(self.wire, header, &points)
     }
 }

@@ -1,7 +1,7 @@
 //! What a survey holds against each other: ranges and altitudes, stamps and log times, pictures and
 //! calibrations. It reports and switches nothing.
 
-use crate::messages::HeightCheck;
+use crate::messages::AltitudeCheck;
 use crate::recording::Recording;
 use crate::units::{SlantRange, Stamp};
 use crate::vehicle::{Beam, Camera, Ping, RangeKind, RigFile};
@@ -75,7 +75,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 /// The altitude of an instrument with four good beams is cos θ of their mean where they are slant,
 /// and the mean itself where they are vertical.
-pub fn slant_or_vertical(heights: &[HeightCheck]) -> Option<String> {
+pub fn slant_or_vertical(heights: &[AltitudeCheck]) -> Option<String> {
     let kind = heights.first()?.kind;
     if heights.len() < LEAST_MESSAGES {
         return None;
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn ranges_against_altitude() {
-        let heights = |ratio: f64, kind| vec![HeightCheck { ratio, cosine: 0.924, kind }; 8];
+        let heights = |ratio: f64, kind| vec![AltitudeCheck { ratio, cosine: 0.924, kind }; 8];
         assert_eq!(slant_or_vertical(&heights(0.925, RangeKind::Slant)), None);
         assert_eq!(slant_or_vertical(&heights(0.998, RangeKind::Vertical)), None);
         assert!(

@@ -17,7 +17,7 @@ pub fn choose_camera(
 ) -> Result<String> {
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
     for (id, decoder) in &scan.decoders {
-        if matches!(decoder.message_type.kind, Kind::Picture(_)) {
+        if matches!(decoder.message_type.kind, Kind::Image(_)) {
             *topics.entry(topic(recording, *id)).or_default() +=
                 scan.channels.get(id).map_or(0, |c| c.frames.len());
         }

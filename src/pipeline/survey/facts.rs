@@ -22,7 +22,7 @@ pub fn facts_without_ranges(
     let Ok(topic) = choose_camera(recording, scan, selection, &mut Vec::new()) else {
         return RigFile::default();
     };
-    let ids = channels_of(recording, scan, &topic, |k| matches!(k, Kind::Picture(_)));
+    let ids = channels_of(recording, scan, &topic, |k| matches!(k, Kind::Image(_)));
     let of_camera: Vec<&ChannelScan> = ids.iter().filter_map(|id| scan.channels.get(id)).collect();
     let picture = of_camera.iter().find_map(|c| c.picture);
     let mut camera = match checks::nearest_calibration(recording, scan, &topic, picture) {

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 
-use crate::messages::Edge;
+use crate::messages::FrameTransform;
 use crate::recording::Recording;
 
 use super::super::scan::Scan;
 
 /// The TF tree of a log: edges by child.
 pub struct Mounts<'s> {
-    edges: BTreeMap<&'s str, (&'s str, &'s Edge)>,
+    edges: BTreeMap<&'s str, (&'s str, &'s FrameTransform)>,
 }
 
 impl<'s> Mounts<'s> {

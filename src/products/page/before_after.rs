@@ -122,7 +122,7 @@ fn corrected_pictures(
             continue;
         }
         let Some(decoder) = log.scan.decoders.get(&message.channel) else { continue };
-        let (Ok(value), Kind::Picture(read)) =
+        let (Ok(value), Kind::Image(read)) =
             (decoder.read(message.data()), decoder.message_type.kind)
         else {
             continue;

@@ -94,7 +94,7 @@ impl Block {
     }
 
     /// Whether a message may lie in the window.
-    pub fn may_hold(&self, window: Window) -> bool {
+    pub fn may_overlap(&self, window: Window) -> bool {
         let (start, end) = self.times;
         let whole = !matches!(self.kind, Kind::Chunk { whole: false, .. });
         let known = whole && end >= start && end > 0;
@@ -111,11 +111,11 @@ pub struct Contents {
     pub(super) declared: Vec<Record<'static>>,
     /// the chunk as it lies in the file, where it holds all that its head says, nothing else, and
     /// all of it in the window
-    pub chunk: Option<PackedChunk>,
+    pub chunk: Option<RawChunk>,
 }
 
 /// A chunk as it lies in a file.
-pub struct PackedChunk {
+pub struct RawChunk {
     /// its record, with the record's head
     pub record: Arc<Vec<u8>>,
     /// compression
@@ -197,7 +197,7 @@ impl Recording {
             && times == (start, end)
             && contents.declared.iter().all(|record| self.declares(record))
         {
-            contents.chunk = Some(PackedChunk {
+            contents.chunk = Some(RawChunk {
                 record,
                 compression,
                 uncompressed_size: size,
@@ -218,7 +218,7 @@ impl Recording {
 #[derive(Default)]
 struct Walked {
     contents: Contents,
-    /// as in [`PackedChunk::messages`]
+    /// as in [`RawChunk::messages`]
     index: Vec<(u16, u64, u64)>,
     times: (u64, u64),
     /// something is not in the contents: a message outside of the window, a declaration that cannot
@@ -247,7 +247,7 @@ fn records(buffer: &Arc<Vec<u8>>, place: Range<usize>, window: Window) -> Walked
         let body = at + head..stop;
         match record[0] {
             op::MESSAGE => match Message::parse(buffer, body) {
-                Some(message) if window.holds(message.log_time) => {
+                Some(message) if window.contains(message.log_time) => {
                     walked.index.push((
                         message.channel,
                         message.log_time,

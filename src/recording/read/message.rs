@@ -43,7 +43,7 @@ impl Message {
     }
 
     /// The log time as a stamp.
-    pub fn logged(&self) -> Stamp {
+    pub fn log_stamp(&self) -> Stamp {
         Stamp(i64::try_from(self.log_time).unwrap_or(i64::MAX))
     }
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use mcap::records::op;
 
-use super::super::read::PackedChunk;
+use super::super::read::RawChunk;
 use super::records::{RecordBytes, message_index};
 use crate::config::Compression;
 
@@ -18,7 +18,7 @@ enum Kind {
     /// declarations
     Bare(Vec<u8>),
     /// a chunk of the input as it is
-    Packed(PackedChunk),
+    Packed(RawChunk),
     /// a chunk of our own
     Open(OpenChunk, Compression),
 }
@@ -64,7 +64,7 @@ impl Piece {
         Self(Kind::Bare(records))
     }
 
-    pub(super) fn packed(chunk: PackedChunk) -> Self {
+    pub(super) fn packed(chunk: RawChunk) -> Self {
         Self(Kind::Packed(chunk))
     }
 
@@ -88,13 +88,7 @@ impl Piece {
     pub fn into_bytes(self) -> io::Result<PieceBytes> {
         let (mut parts, facts, messages) = match self.0 {
             Kind::Bare(records) => (vec![Arc::new(records)], None, Vec::new()),
-            Kind::Packed(PackedChunk {
-                record,
-                compression,
-                uncompressed_size,
-                times,
-                messages,
-            }) => {
+            Kind::Packed(RawChunk { record, compression, uncompressed_size, times, messages }) => {
                 // Before the compressed records: the record's head, five numbers, and the name of
                 // the compression.
                 let head = 9 + 8 + 8 + 8 + 4 + 4 + compression.len() + 8;

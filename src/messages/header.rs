@@ -5,7 +5,7 @@ use crate::units::Stamp;
 
 /// Stamp and frame id of a message.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Heading {
+pub struct Header {
     /// the header's own time; `None` where the message has none or it is 0
     pub stamp: Option<Stamp>,
     /// the TF frame it is given in, without a leading slash
@@ -23,13 +23,13 @@ const STAMPS: &[&str] = &[
 ];
 
 /// Stamp and frame of any message with a header.
-pub fn heading(value: &Value<'_>) -> Heading {
+pub fn header(value: &Value<'_>) -> Header {
     let frame_id = value
         .text("header.frame_id")
         .or_else(|| value.text("frame_id"))
         .or_else(|| gazebo_frame(value))
         .unwrap_or("");
-    Heading {
+    Header {
         stamp: STAMPS.iter().find_map(|path| stamp(value.get(path)?)),
         frame_id: frame_id.trim_start_matches('/').into(),
     }
@@ -39,7 +39,7 @@ pub fn heading(value: &Value<'_>) -> Heading {
 pub fn attitude_frame(value: &Value<'_>) -> String {
     value
         .text("child_frame_id")
-        .map_or_else(|| heading(value).frame_id, |s| s.trim_start_matches('/').into())
+        .map_or_else(|| header(value).frame_id, |s| s.trim_start_matches('/').into())
 }
 
 fn stamp(time: &Value<'_>) -> Option<Stamp> {

@@ -1,7 +1,7 @@
 //! What a camera or a strobe was set to: exposure time, gain, power of the strobe. Units are the
 //! sender's own: whether a number is a factor or counts decibels is for the pictures to say.
 
-use super::{NamedNumber, Value, layout::Layout};
+use super::{RadiometrySetting, Value, layout::Layout};
 
 /// Name of a setting, and the fields it goes by (`ImageMetaData` of FLIR drivers, Blueye's
 /// `CameraParameters`, and the like).
@@ -68,7 +68,7 @@ pub fn matches_fields(layout: &Layout, topic: &str) -> bool {
 }
 
 /// Settings by name; a bare number is named after its topic by the caller.
-pub fn decode(value: &Value<'_>) -> Result<Vec<NamedNumber>, String> {
+pub fn decode(value: &Value<'_>) -> Result<Vec<RadiometrySetting>, String> {
     if let Some(bare) = BARE.iter().find_map(|f| value.number(f)) {
         return Ok(vec![("value", bare)]);
     }

@@ -4,7 +4,7 @@
 //! beams of a ping. 0, NaN and infinities mean no depth. The shape is that of a picture; the topic
 //! or the format string says that it is depth.
 
-use super::{DepthPixels, PingReading, Value, heading, missing};
+use super::{DepthSamples, PingReading, Value, header, missing};
 use crate::units::Stamp;
 use crate::vehicle::{DvlFacts, Ping};
 
@@ -34,15 +34,15 @@ pub fn decode(value: &Value<'_>, _facts: &DvlFacts) -> Result<PingReading, Strin
         None => raw(value, data)?,
     };
     let ping = Ping {
-        stamp: heading(value).stamp.unwrap_or(Stamp(0)),
+        stamp: header(value).stamp.unwrap_or(Stamp(0)),
         beams: Vec::new(),
         altitude: None,
         velocity_m_per_s: None,
     };
-    Ok(PingReading { ping: Some(ping), pixels: Some(pixels), ..PingReading::default() })
+    Ok(PingReading { ping: Some(ping), depth: Some(pixels), ..PingReading::default() })
 }
 
-fn raw(value: &Value<'_>, data: &[u8]) -> Result<DepthPixels, String> {
+fn raw(value: &Value<'_>, data: &[u8]) -> Result<DepthSamples, String> {
     let size = |field: &str| {
         value.integer(field).and_then(|v| usize::try_from(v).ok()).ok_or_else(|| missing(field))
     };
@@ -75,7 +75,7 @@ fn raw(value: &Value<'_>, data: &[u8]) -> Result<DepthPixels, String> {
 }
 
 /// PNG behind the parameters; of `32FC1` it holds inverse depth, quantised: depth = a / (code − b).
-fn compressed(format: &str, data: &[u8]) -> Result<DepthPixels, String> {
+fn compressed(format: &str, data: &[u8]) -> Result<DepthSamples, String> {
     let (header, file) = data
         .split_at_checked(HEADER_BYTES)
         .ok_or("a compressedDepth message without its header")?;
@@ -107,7 +107,7 @@ fn compressed(format: &str, data: &[u8]) -> Result<DepthPixels, String> {
 
 /// The median of a small window around each place of a coarse grid; a place with too few depths is
 /// left out.
-fn sampled(width: usize, height: usize, depth: impl Fn(usize, usize) -> f64) -> DepthPixels {
+fn sampled(width: usize, height: usize, depth: impl Fn(usize, usize) -> f64) -> DepthSamples {
     let mut samples = Vec::new();
     for j in 0..GRID.1 {
         for i in 0..GRID.0 {
@@ -126,5 +126,5 @@ fn sampled(width: usize, height: usize, depth: impl Fn(usize, usize) -> f64) -> 
             }
         }
     }
-    DepthPixels { width, height, samples }
+    DepthSamples { width, height, samples }
 }
