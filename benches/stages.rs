@@ -18,7 +18,7 @@ use unwater::image::decode::{Codes, Light, codes};
 use unwater::image::noise::Noise;
 use unwater::image::transfer::{Shoulder, SrgbTable};
 use unwater::image::{EncodedImage, LinearImage, SensorImage, encode};
-use unwater::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
+use unwater::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
 use unwater::pipeline::{Options, Silent, estimate_logs};
 use unwater::recording::{Output, Recording, Schema, Window};
 use unwater::units::Stamp;
@@ -79,7 +79,7 @@ struct Scene {
 
 impl Scene {
     fn new() -> Self {
-        let nodes = Nodes::new(41, 70.0);
+        let nodes = BeamGrid::new(41, 70.0);
         let beam: Vec<Option<f64>> = (0..41 * 41)
             .map(|i| Some(-3.0 * nodes.angle(i / 41).powi(2) - 2.0 * nodes.angle(i % 41).powi(2)))
             .collect();
@@ -234,7 +234,7 @@ fn keypoints_and_samples(bencher: Bencher) {
             &config.matching,
             &config.estimate,
         )
-        .sights
+        .samples
         .len()
     });
 }

@@ -470,14 +470,14 @@ mod tests {
     use crate::correct::MeanFrames;
     use crate::geometry::{SeafloorPlane, Support};
     use crate::image::LinearImage;
-    use crate::model::{BeamPattern, ImagingModel, Nodes, RenderingFile, SpreadingModel};
+    use crate::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
     use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
     /// The interpolated gain against the exact formula, on a tilted floor, with part of the picture
     /// above the horizon.
     #[test]
     fn the_grid_is_within_a_thousandth_of_the_formula() {
-        let nodes = Nodes::new(41, 70.0);
+        let nodes = BeamGrid::new(41, 70.0);
         let pattern: Vec<Option<f64>> = (0..41 * 41)
             .map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2)))
             .collect();

@@ -27,7 +27,7 @@ use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
 use crate::image::{Bands, LinearImage, largest};
-use crate::model::{Backscatter, GlowTable, ImagingModel, RenderingFile};
+use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain::GainGrid;
 
@@ -43,7 +43,7 @@ pub struct Correction<'m> {
     /// the choices
     pub config: &'m RenderConfig,
     /// backscatter and S_Λ, where the model has backscatter and the method takes it off
-    pub glow: Option<(&'m Backscatter, &'m GlowTable)>,
+    pub glow: Option<(&'m Backscatter, &'m ScatterTable)>,
     /// mean frames, for the baselines that divide by them
     pub means: &'m MeanFrames,
     /// input above this share of full scale counts as clipped

@@ -11,7 +11,7 @@
 use std::collections::BTreeMap;
 
 use super::robust;
-use super::samples::{FrameSamples, Sight};
+use super::samples::{FrameSamples, Sample};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 
@@ -45,15 +45,15 @@ struct Cell {
 pub fn attenuation(
     frames: &[FrameSamples],
     bands: usize,
-    path: &dyn Fn(&FrameSamples, &Sight) -> Option<LightPath>,
+    path: &dyn Fn(&FrameSamples, &Sample) -> Option<LightPath>,
     known: &dyn Fn(&LightPath) -> f64,
 ) -> Option<AltitudeAnswer> {
     let mut cells: BTreeMap<u32, Vec<Cell>> = BTreeMap::new();
     for (frame, samples) in frames.iter().enumerate() {
-        for (index, sight) in &samples.grid {
-            let Some(path) = path(samples, sight) else { continue };
+        for (index, sample) in &samples.grid {
+            let Some(path) = path(samples, sample) else { continue };
             let y = std::array::from_fn(|b| {
-                if b < bands { f64::from(sight.log_color[b]) - known(&path) } else { 0.0 }
+                if b < bands { f64::from(sample.log_color[b]) - known(&path) } else { 0.0 }
             });
             cells.entry(*index).or_default().push(Cell { frame, length_m: path.length_m(), y });
         }

@@ -12,7 +12,7 @@
 use super::samples::FrameSamples;
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{BeamPattern, Nodes, SpreadingModel, log_geometry};
+use crate::model::{BeamGrid, BeamPattern, SpreadingModel, log_geometry};
 
 /// Bins with fewer samples are unseen.
 const LEAST_SAMPLES: f64 = 12.0;
@@ -20,20 +20,22 @@ const LEAST_SAMPLES: f64 = 12.0;
 /// Eq. 17 over the grids of all frames.
 pub fn beam_pattern(
     frames: &[FrameSamples],
-    nodes: Nodes,
+    nodes: BeamGrid,
     attenuation_per_m: &Bands,
     spreading: SpreadingModel,
     incidence: bool,
-    path: &dyn Fn(&FrameSamples, &super::samples::Sight) -> Option<LightPath>,
+    path: &dyn Fn(&FrameSamples, &super::samples::Sample) -> Option<LightPath>,
 ) -> BeamPattern {
     let count = nodes.count * nodes.count;
     let (mut sums, mut weights) = (vec![0.0; count], vec![0.0; count]);
     for frame in frames {
-        for (_, sight) in &frame.grid {
-            let Some(path) = path(frame, sight).filter(|p| nodes.holds(p.angles)) else { continue };
+        for (_, sample) in &frame.grid {
+            let Some(path) = path(frame, sample).filter(|p| nodes.holds(p.angles)) else {
+                continue;
+            };
             let geometry = log_geometry(spreading, incidence, &path);
             let mean = (0..frame.bands)
-                .map(|b| f64::from(sight.log_color[b]) + attenuation_per_m[b] * path.length_m())
+                .map(|b| f64::from(sample.log_color[b]) + attenuation_per_m[b] * path.length_m())
                 .sum::<f64>()
                 / frame.bands as f64
                 - geometry;

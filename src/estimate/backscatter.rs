@@ -14,12 +14,12 @@ use std::cell::LazyCell;
 use super::candidates::completed;
 use super::joint::{JointAnswer, LEAST_DIRECT_SHARE, Problem, Setting};
 use super::robust;
-use super::samples::{FrameSamples, Sight};
+use super::samples::{FrameSamples, Sample};
 use super::tracks::{Observation, Track};
 use super::{Samples, held_out};
 use crate::config::Switch;
 use crate::image::Bands;
-use crate::model::{Backscatter, Frustum, Glow, GlowTable};
+use crate::model::{Backscatter, Frustum, ScatterIntegral, ScatterTable};
 
 const STEPS: usize = 12;
 const ROUNDS_PER_STEP: usize = 4;
@@ -35,7 +35,7 @@ const LEAST_IMPROVEMENT: f64 = 0.02;
 
 /// What was found.
 #[derive(Clone, Debug)]
-pub struct FoundBackscatter {
+pub struct BackscatterFit {
     /// the model's part
     pub backscatter: Backscatter,
     /// standard deviation of b_Λ [1/m]
@@ -46,13 +46,13 @@ pub struct FoundBackscatter {
     pub share: Bands,
     /// α with it modelled, roughly [1/m]
     pub attenuation_per_m: Bands,
-    table: GlowTable,
+    table: ScatterTable,
 }
 
-impl FoundBackscatter {
-    /// S_Λ of a sight.
-    pub fn glow(&self, samples: &Samples<'_>, sight: &Sight) -> Glow {
-        let (x, y, s) = samples.ray(sight);
+impl BackscatterFit {
+    /// S_Λ of a sample.
+    pub fn glow(&self, samples: &Samples<'_>, sample: &Sample) -> ScatterIntegral {
+        let (x, y, s) = samples.ray(sample);
         self.table.at(x, y, s)
     }
 
@@ -61,33 +61,33 @@ impl FoundBackscatter {
         let bands = samples.bands();
         let mut tracks = samples.tracks.to_vec();
         for o in tracks.iter_mut().flatten() {
-            let veil = self.backscatter.light(&self.glow(samples, &o.sight));
-            take_off(&mut o.sight, bands, &veil);
+            let veil = self.backscatter.light(&self.glow(samples, &o.sample));
+            take_off(&mut o.sample, bands, &veil);
         }
-        (off_frames(samples, |sight| self.backscatter.light(&self.glow(samples, sight))), tracks)
+        (off_frames(samples, |sample| self.backscatter.light(&self.glow(samples, sample))), tracks)
     }
 }
 
 /// Frames with a veil taken off their grids; cells that are hardly more than veil are left out.
-pub fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sight) -> Bands) -> Vec<FrameSamples> {
+pub fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sample) -> Bands) -> Vec<FrameSamples> {
     let of_frame = |frame: &FrameSamples| {
-        let clear = |(cell, sight): &(u32, Sight)| {
-            let (veil, mut sight) = (veil(sight), *sight);
+        let clear = |(cell, sample): &(u32, Sample)| {
+            let (veil, mut sample) = (veil(sample), *sample);
             let is_measured = (0..frame.bands).all(|b| {
-                f64::from(sight.log_color[b]).exp() * (1.0 - LEAST_DIRECT_SHARE) > veil[b]
+                f64::from(sample.log_color[b]).exp() * (1.0 - LEAST_DIRECT_SHARE) > veil[b]
             });
-            take_off(&mut sight, frame.bands, &veil);
-            is_measured.then_some((*cell, sight))
+            take_off(&mut sample, frame.bands, &veil);
+            is_measured.then_some((*cell, sample))
         };
         frame.with_grid(frame.grid.iter().filter_map(clear).collect())
     };
     samples.frames.iter().map(of_frame).collect()
 }
 
-fn take_off(sight: &mut Sight, bands: usize, veil: &Bands) {
+fn take_off(sample: &mut Sample, bands: usize, veil: &Bands) {
     for b in 0..bands {
-        let light = f64::from(sight.log_color[b]).exp();
-        sight.log_color[b] = (light - veil[b]).max(LEAST_DIRECT_SHARE * light).ln() as f32;
+        let light = f64::from(sample.log_color[b]).exp();
+        sample.log_color[b] = (light - veil[b]).max(LEAST_DIRECT_SHARE * light).ln() as f32;
     }
 }
 
@@ -99,7 +99,7 @@ fn surely(answer: &JointAnswer, sure: f64) -> bool {
 }
 
 /// Finds b; `None` where the log shows none (or, for `auto`, no evidence of it).
-pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBackscatter> {
+pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<BackscatterFit> {
     let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
     let plain = Setting { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setting };
     let mut problem = Problem::new(samples.tracks, &plain, mount, paths)?;
@@ -113,7 +113,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let mut settled = None;
     for step in 0..STEPS {
         now.attenuation_per_m = said.attenuation_per_m.map(|a| a.max(0.0));
-        let table = GlowTable::new(
+        let table = ScatterTable::new(
             &said.beam,
             samples.body_from_optical,
             &mount,
@@ -121,7 +121,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
             frustum,
         );
         let glow = |o: &Observation| {
-            let (x, y, s) = samples.ray(&o.sight);
+            let (x, y, s) = samples.ray(&o.sample);
             table.at(x, y, s)
         };
         let before = now;
@@ -132,8 +132,8 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
         now = said.backscatter;
         // The pattern as the model will have it, so that what counts as seen is the same in both
         // passes.
-        let frames = off_frames(samples, |sight| {
-            let (x, y, s) = samples.ray(sight);
+        let frames = off_frames(samples, |sample| {
+            let (x, y, s) = samples.ray(sample);
             now.light(&table.at(x, y, s))
         });
         said.beam = completed(
@@ -176,7 +176,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     let is_sure = surely(&answer, SURE);
     let improvement = held_out::improvement(without.as_ref()?, &with);
     let attenuation_per_m = answer.attenuation_per_m;
-    let mut found = FoundBackscatter {
+    let mut found = BackscatterFit {
         backscatter,
         std_per_m,
         improvement,
@@ -186,8 +186,8 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundBacksca
     };
     for b in 0..setting.bands {
         let share = |o: &Observation| {
-            backscatter.light(&found.glow(samples, &o.sight))[b]
-                / f64::from(o.sight.log_color[b]).exp()
+            backscatter.light(&found.glow(samples, &o.sample))[b]
+                / f64::from(o.sample.log_color[b]).exp()
         };
         found.share[b] =
             robust::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());

@@ -6,20 +6,20 @@ use super::angular_bins;
 use super::joint;
 use super::pairs;
 use super::robust;
-use super::samples::{FrameSamples, Sight};
+use super::samples::{FrameSamples, Sample};
 use super::tracks::{Observation, Track};
 use crate::config::{EstimateConfig, Spreading};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
-    AttenuationOverTime, BeamPattern, EstimatorAnswer, Glow, ImageAnswer, ImagingModel, Nodes,
-    SpreadingModel, TimeNode, log_geometry,
+    AttenuationOverTime, BeamGrid, BeamPattern, EstimatorAnswer, ImageAnswer, ImagingModel,
+    ScatterIntegral, SpreadingModel, TimeNode, log_geometry,
 };
 use crate::units::Stamp;
 
 /// Samples and grid → an answer, or a sentence why there is none.
 pub type EstimatorOf =
-    fn(&Samples<'_>, Nodes, &EstimateConfig) -> std::result::Result<Candidate, String>;
+    fn(&Samples<'_>, BeamGrid, &EstimateConfig) -> std::result::Result<Candidate, String>;
 
 /// One estimator's answer, ready to be the model.
 pub struct Candidate {
@@ -116,7 +116,7 @@ fn geometry_error_per_m(samples: &Samples<'_>) -> f64 {
     // Down and up again.
     let path_std_m = 2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt();
     let follows_relief =
-        |f: &FrameSamples| f.grid.iter().any(|(_, sight)| sight.normal != f.normal);
+        |f: &FrameSamples| f.grid.iter().any(|(_, sample)| sample.normal != f.normal);
     let log_error =
         if samples.frames.iter().any(follows_relief) { RELIEF_LOG_ERROR } else { COMMON_LOG_ERROR };
     log_error / (path_std_m * (samples.moments() as f64).sqrt()).max(1e-9)
@@ -127,7 +127,7 @@ fn code_error_per_m(samples: &Samples<'_>, band: usize) -> f64 {
     // The sRGB curve, which is near any gamma: light ∝ code^2.4.
     let log_light = |o: &Observation| {
         COMMON_CODE_ERROR * 2.4 / (255.0 * 1.055)
-            * (-f64::from(o.sight.log_color[band]) / 2.4).exp()
+            * (-f64::from(o.sample.log_color[band]) / 2.4).exp()
     };
     let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
     let coded = tracks
@@ -145,7 +145,7 @@ fn code_error_per_m(samples: &Samples<'_>, band: usize) -> f64 {
 
 pub fn by_joint_solve(
     samples: &Samples<'_>,
-    nodes: Nodes,
+    nodes: BeamGrid,
     config: &EstimateConfig,
 ) -> std::result::Result<Candidate, String> {
     if samples.tracks.len() < config.least_pairs {
@@ -158,11 +158,12 @@ pub fn by_joint_solve(
     let spreading = SpreadingModel::of(config.spreading);
     let bands = samples.bands();
     let fit = config.spreading == Spreading::Fit;
-    let glow_of =
-        |o: &Observation| samples.glow.map_or(Glow::default(), |(g, _)| g.glow(samples, &o.sight));
+    let glow_of = |o: &Observation| {
+        samples.glow.map_or(ScatterIntegral::default(), |(g, _)| g.glow(samples, &o.sample))
+    };
     let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
     let setting = joint::Setting {
-        glow: samples.glow.map(|(g, _)| (&g.backscatter, &glow_of as &joint::GlowOf<'_>)),
+        glow: samples.glow.map(|(g, _)| (&g.backscatter, &glow_of as &joint::ScatterOf<'_>)),
         drift: samples.drift.map(|d| &d.places),
         fit_exponent: fit,
         free_strobe: samples.strobe_is_free,
@@ -309,7 +310,7 @@ pub fn completed(
     spreading: SpreadingModel,
     config: &EstimateConfig,
 ) -> BeamPattern {
-    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     if samples.lamps.lamps().len() > 1 {
         return BeamPattern::from_nodes(nodes, beam);
     }
@@ -343,7 +344,7 @@ fn one_lamp(samples: &Samples<'_>) -> std::result::Result<(), String> {
 
 pub fn by_pairs(
     samples: &Samples<'_>,
-    nodes: Nodes,
+    nodes: BeamGrid,
     config: &EstimateConfig,
 ) -> std::result::Result<Candidate, String> {
     one_lamp(samples)?;
@@ -423,7 +424,7 @@ fn by_image(
 
 pub fn by_altitude(
     samples: &Samples<'_>,
-    nodes: Nodes,
+    nodes: BeamGrid,
     config: &EstimateConfig,
 ) -> std::result::Result<Candidate, String> {
     one_lamp(samples)?;
@@ -438,7 +439,7 @@ pub fn by_altitude(
     }
     let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes);
-    let path = |_: &FrameSamples, s: &Sight| s.path(samples.lamps);
+    let path = |_: &FrameSamples, s: &Sample| s.path(samples.lamps);
     let slope = |beam: &BeamPattern| {
         let known =
             |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);

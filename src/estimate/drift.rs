@@ -27,7 +27,7 @@ const LEAST_IMPROVEMENT: f64 = 0.02;
 
 /// Nodes of α in time.
 #[derive(Clone, Debug)]
-pub struct FoundDrift {
+pub struct DriftFit {
     /// where they stand
     pub stamps: Vec<Stamp>,
     /// where each frame stands among them
@@ -35,7 +35,7 @@ pub struct FoundDrift {
 }
 
 /// Nodes where the log supports them.
-pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<FoundDrift> {
+pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<DriftFit> {
     let found = nodes(samples)?;
     if setting.config.drift == Switch::Auto && !altitude_recurs(samples) {
         return None;
@@ -78,7 +78,7 @@ fn travels(heights: &[f64]) -> f64 {
     travelled / (span - 2.0 * play)
 }
 
-fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
+fn nodes(samples: &Samples<'_>) -> Option<DriftFit> {
     let times: Vec<i64> = samples.frames.iter().map(|f| f.stamp.0).collect();
     let (first, last) = (*times.iter().min()?, *times.iter().max()?);
     let intervals = (times.len() / FRAMES_PER_NODE).min(MOST_NODES - 1);
@@ -106,7 +106,7 @@ fn nodes(samples: &Samples<'_>) -> Option<FoundDrift> {
         nodes: intervals + 1,
         joined: joined.collect(),
     };
-    Some(FoundDrift { stamps: stamps.into_iter().map(Stamp).collect(), places })
+    Some(DriftFit { stamps: stamps.into_iter().map(Stamp).collect(), places })
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use super::samples::FrameSamples;
 use super::tracks::Track;
 use super::{Samples, robust};
 use crate::config::EstimateConfig;
-use crate::model::{ImagingModel, Nodes, SpreadingModel};
+use crate::model::{BeamGrid, ImagingModel, SpreadingModel};
 
 /// A frame stands out where its log gain differs from its neighbours' by this [log light], and by
 /// so many spreads.
@@ -36,7 +36,8 @@ const HOLD: f64 = 1.0;
 pub fn uneven_light(samples: &Samples<'_>, config: &EstimateConfig) -> Vec<f64> {
     let model = || {
         let spreading = SpreadingModel::of(config.spreading);
-        let setting = samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config);
+        let setting =
+            samples.setting(BeamGrid::new(config.beam_nodes, config.beam_limit_deg), config);
         let mut problem = Problem::new(samples.tracks, &setting, samples.lamps, &|o, mount| {
             samples.path_from(o, mount)
         })?;
@@ -57,12 +58,12 @@ pub fn set_right(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &
         frame
             .grid
             .iter_mut()
-            .for_each(|(_, sight)| sight.log_color.iter_mut().for_each(|v| *v -= *gain as f32));
+            .for_each(|(_, sample)| sample.log_color.iter_mut().for_each(|v| *v -= *gain as f32));
         frame.mean_light.iter_mut().for_each(|v| *v /= gain.exp());
     }
     for o in tracks.iter_mut().flatten() {
         let gain = log_gains[o.frame as usize] as f32;
-        o.sight.log_color.iter_mut().for_each(|v| *v -= gain);
+        o.sample.log_color.iter_mut().for_each(|v| *v -= gain);
     }
 }
 
@@ -77,7 +78,7 @@ fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
             let view = |o: &super::Observation| {
                 let path = samples.path(o)?;
                 let misfit = (0..model.bands)
-                    .map(|b| f64::from(o.sight.log_color[b]) - model.log_light(&path, b))
+                    .map(|b| f64::from(o.sample.log_color[b]) - model.log_light(&path, b))
                     .sum::<f64>();
                 Some((o.frame as usize, misfit / model.bands as f64))
             };

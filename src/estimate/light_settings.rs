@@ -130,7 +130,7 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
         for pair in track.windows(2).filter(|p| p[1].frame == p[0].frame + 1) {
             let bands = frames[pair[0].frame as usize].bands;
             let change = (0..bands)
-                .map(|b| f64::from(pair[1].sight.log_color[b] - pair[0].sight.log_color[b]))
+                .map(|b| f64::from(pair[1].sample.log_color[b] - pair[0].sample.log_color[b]))
                 .sum::<f64>()
                 / bands as f64;
             shared.entry(pair[0].frame as usize).or_default().push(change);

@@ -29,12 +29,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
-pub use backscatter::FoundBackscatter;
+pub use backscatter::BackscatterFit;
 pub use light_settings::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
-pub use mount_search::FoundMounts;
-pub use samples::{FrameSamples, PLANES_AROUND_S, Sight, coarsest_m, samples};
-pub use strobe_search::{FoundStrobe, PlacedStrobe};
+pub use mount_search::MountFit;
+pub use samples::{FrameSamples, PLANES_AROUND_S, Sample, coarsest_m, samples};
+pub use strobe_search::{StrobeFit, StrobePlacement};
 pub use tracks::{Observation, Track, tracks};
 
 use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
@@ -43,12 +43,12 @@ use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
-    Backscatter, BeamPattern, EstimatorAnswer, GlowTable, ImagingModel, Nodes, SpreadingModel,
+    Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
 };
 use crate::parallel::{both, each};
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
-use drift::FoundDrift;
+use drift::DriftFit;
 use mount_search::check_mounts;
 
 /// The light path of an observation, for the strobe mount in hand.
@@ -87,9 +87,9 @@ pub struct Samples<'s> {
     pub strobe_is_free: bool,
     /// what the water scatters back, which has been taken off the colours, and the tracks before it
     /// was
-    pub glow: Option<(&'s FoundBackscatter, &'s [Track])>,
+    pub glow: Option<(&'s BackscatterFit, &'s [Track])>,
     /// nodes of α in time
-    pub drift: Option<&'s FoundDrift>,
+    pub drift: Option<&'s DriftFit>,
     /// α if what the water scatters back were modelled, where it is there and is not to be [1/m]
     pub unmodelled_glow: Option<Bands>,
 }
@@ -113,10 +113,10 @@ impl<'s> Samples<'s> {
         }
     }
 
-    /// A sight's ray: x/z, y/z in the image plane, and ℓ_s [m].
-    fn ray(&self, sight: &Sight) -> (f64, f64, f64) {
-        let hit = (self.body_from_optical.inverse() * sight.hit).vector();
-        (hit.x / hit.z, hit.y / hit.z, sight.seafloor_to_camera_m)
+    /// A sample's ray: x/z, y/z in the image plane, and ℓ_s [m].
+    fn ray(&self, sample: &Sample) -> (f64, f64, f64) {
+        let hit = (self.body_from_optical.inverse() * sample.hit).vector();
+        (hit.x / hit.z, hit.y / hit.z, sample.seafloor_to_camera_m)
     }
 
     /// Moments of the frames that have pings of their own: frames nearer than [`PINGS_SHARED_S`]
@@ -130,7 +130,7 @@ impl<'s> Samples<'s> {
     }
 
     /// What the joint solve is told in any case.
-    fn setting<'c>(&self, nodes: Nodes, config: &'c EstimateConfig) -> joint::Setting<'c> {
+    fn setting<'c>(&self, nodes: BeamGrid, config: &'c EstimateConfig) -> joint::Setting<'c> {
         let spreading = SpreadingModel::of(config.spreading);
         joint::Setting {
             frames: self.frames.len(),
@@ -170,7 +170,7 @@ impl<'s> Samples<'s> {
     }
 
     fn path_from(&self, o: &Observation, lamps: Lamps) -> Option<LightPath> {
-        o.sight.path(lamps)
+        o.sample.path(lamps)
     }
 
     fn bands(&self) -> usize {
@@ -192,15 +192,15 @@ pub struct Understood {
     /// the model and how sure it is
     pub estimate: Estimate,
     /// where the light sits
-    pub strobe: PlacedStrobe,
+    pub strobe: StrobePlacement,
     /// what the water scatters back
-    pub backscatter: Option<FoundBackscatter>,
+    pub backscatter: Option<BackscatterFit>,
     /// settings that the frames' light follows
     pub followed: Vec<FollowedSetting>,
     /// per frame: log of its light over its neighbours', 0 but for drop-outs
     pub log_gains: Vec<f64>,
     /// what fits better than the camera's clock and the instrument's mount as given
-    pub mounts: Option<FoundMounts>,
+    pub mounts: Option<MountFit>,
     /// the samples as the model saw them: evenly lit, freed of what was scattered back
     pub frames: Vec<FrameSamples>,
 }
@@ -259,7 +259,7 @@ pub fn understand(
     }
 
     let lit = Samples::plain(&frames, &tracks, body_from_optical, given.0);
-    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let can_tell = lit.altitude_varies(config) && tracks.len() >= config.least_pairs;
     let moves = config.strobe_position != StrobePosition::Fixed
         && (!given.1 || config.strobe_position != StrobePosition::Auto);
@@ -334,13 +334,13 @@ pub fn as_modelled(
     log_gains: &[f64],
     body_from_optical: Transform<Body, Optical>,
     lamps: Lamps,
-    glow: Option<(&Backscatter, &GlowTable)>,
+    glow: Option<(&Backscatter, &ScatterTable)>,
 ) -> Vec<FrameSamples> {
     frame_gains::set_right(&mut frames, &mut [], log_gains);
     let Some((backscatter, table)) = glow else { return frames };
     let samples = Samples::plain(&frames, &[], body_from_optical, lamps);
-    backscatter::off_frames(&samples, |sight| {
-        let (x, y, s) = samples.ray(sight);
+    backscatter::off_frames(&samples, |sample| {
+        let (x, y, s) = samples.ray(sample);
         backscatter.light(&table.at(x, y, s))
     })
 }
@@ -350,7 +350,7 @@ pub fn as_modelled(
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen one, or all, cannot answer.
 fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> {
-    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
     let estimators: [(&str, EstimatorOf); 3] =

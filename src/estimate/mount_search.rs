@@ -13,12 +13,12 @@ use super::candidates::LEAST_FRAMES;
 use super::descent::{Lowest, SETTLED, descend};
 use super::joint::places::Place;
 use super::joint::{Problem, Setting, strobe_places};
-use super::samples::{FrameSamples, PLANES_AROUND_S, Sight};
+use super::samples::{FrameSamples, PLANES_AROUND_S, Sample};
 use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
 use crate::coordinates::{Direction, Point};
 use crate::geometry::LightPath;
-use crate::model::Nodes;
+use crate::model::BeamGrid;
 use crate::vehicle::Lamps;
 
 /// Observations that hold three numbers well enough.
@@ -35,7 +35,7 @@ const FARTHEST: f64 = 2.0;
 
 /// What fits better than what was given.
 #[derive(Clone, Copy, Debug)]
-pub struct FoundMounts {
+pub struct MountFit {
     /// to add to the camera's stamps [s]
     pub clock_offset_s: f64,
     /// its standard deviation [s]
@@ -54,7 +54,7 @@ pub struct FoundMounts {
     pub at_least: bool,
 }
 
-impl FoundMounts {
+impl MountFit {
     fn gains(&self) -> bool {
         self.residual[1] < (1.0 - LEAST_GAIN) * self.residual[0]
     }
@@ -106,18 +106,18 @@ impl Shift<'_> {
         let frame = self.samples.frames.get(o.frame as usize)?;
         let (normal, distance) = self.plane(frame);
         let camera = self.samples.body_from_optical.origin().vector();
-        let ray = (o.sight.hit.vector() - camera) / o.sight.seafloor_to_camera_m;
+        let ray = (o.sample.hit.vector() - camera) / o.sample.seafloor_to_camera_m;
         let far = |normal: &Vector3<f64>, distance: f64| {
             let (towards, along) = (normal.dot(&ray), distance - normal.dot(&camera));
             (towards > 0.05 && along > 0.0).then(|| along / towards)
         };
         // What stands over the plane as given stands over the other.
-        let seafloor_to_camera_m = o.sight.seafloor_to_camera_m + far(&normal, distance)?
+        let seafloor_to_camera_m = o.sample.seafloor_to_camera_m + far(&normal, distance)?
             - far(&frame.normal.vector(), frame.distance_m)?;
         let own_normal =
-            Direction::from_vector(o.sight.normal.vector() + normal - frame.normal.vector())?;
+            Direction::from_vector(o.sample.normal.vector() + normal - frame.normal.vector())?;
         let hit = Point::from_vector(camera + ray * seafloor_to_camera_m);
-        Sight { hit, seafloor_to_camera_m, normal: own_normal, ..o.sight }.path(mount)
+        Sample { hit, seafloor_to_camera_m, normal: own_normal, ..o.sample }.path(mount)
     }
 }
 
@@ -127,7 +127,7 @@ pub fn check_mounts(
     samples: &Samples<'_>,
     instrument: Vector3<f64>,
     config: &EstimateConfig,
-) -> Option<FoundMounts> {
+) -> Option<MountFit> {
     let can_tell = samples.tracks.len() >= config.least_pairs
         && samples.altitude_varies(config)
         && samples.frames.len() >= LEAST_FRAMES;
@@ -144,7 +144,7 @@ pub fn check_mounts(
         .collect();
     let setting = Setting {
         rounds: 5,
-        ..samples.setting(Nodes::new(config.beam_nodes, config.beam_limit_deg), config)
+        ..samples.setting(BeamGrid::new(config.beam_nodes, config.beam_limit_deg), config)
     };
     let mount = samples.lamps;
     let at = |by: Vector3<f64>| Shift { samples, by, instrument };
@@ -169,7 +169,7 @@ pub fn check_mounts(
         Some((solution.residual, problem.place_step(&some, &places, &solution)?))
     };
     let Lowest { place, std, residual } = descend(Vector3::zeros(), SETTLED, &asked_at)?;
-    std.iter().all(|s| s.is_finite()).then(|| FoundMounts {
+    std.iter().all(|s| s.is_finite()).then(|| MountFit {
         clock_offset_s: place.x,
         clock_offset_std_s: std.x,
         turn_rad: at(place).turn(),

@@ -52,7 +52,7 @@ pub fn attenuation(
     let mut pairs: Vec<(u32, f64, [f64; 3])> = Vec::new();
     for track in tracks {
         let views: Vec<_> =
-            track.iter().filter_map(|o| Some((o.frame, paths(o)?, o.sight.log_color))).collect();
+            track.iter().filter_map(|o| Some((o.frame, paths(o)?, o.sample.log_color))).collect();
         for (i, (frame, path_1, color_1)) in views.iter().enumerate() {
             for (_, path_2, color_2) in &views[i + 1..] {
                 let known = free(path_1) - free(path_2);

@@ -33,7 +33,7 @@ const PATCH_SIGMAS: f64 = 2.5;
 
 /// One place of seafloor in one frame, free of pixels.
 #[derive(Clone, Copy, Debug)]
-pub struct Sight {
+pub struct Sample {
     /// the place, in body space at the frame's time [m]
     pub hit: Point<Body>,
     /// ℓ_s [m]
@@ -46,9 +46,9 @@ pub struct Sight {
 
 /// A keypoint's place and its colours on the ladder.
 #[derive(Clone, Debug)]
-pub struct KeypointSight {
+pub struct KeypointSample {
     /// place; `log_color` is unused
-    pub sight: Sight,
+    pub sample: Sample,
     /// index of the first rung: footprint 1 mm × √2^rung
     pub first_rung: i32,
     /// log c_Λ on each rung; NaN where there is none
@@ -62,7 +62,7 @@ pub struct FrameSamples {
     pub frame: usize,
     /// when it was taken
     pub stamp: Stamp,
-    /// the plane's normal; a sight's own may differ where the ground is not flat
+    /// the plane's normal; a sample's own may differ where the ground is not flat
     pub normal: Direction<Body>,
     /// height of the camera over it [m]
     pub camera_altitude_m: f64,
@@ -73,9 +73,9 @@ pub struct FrameSamples {
     /// their image-plane coordinates
     pub places: Vec<(f64, f64)>,
     /// their places and colours
-    pub sights: Vec<KeypointSight>,
-    /// a coarse grid over the frame: index of the cell, and its sight
-    pub grid: Vec<(u32, Sight)>,
+    pub samples: Vec<KeypointSample>,
+    /// a coarse grid over the frame: index of the cell, and its sample
+    pub grid: Vec<(u32, Sample)>,
     /// mean linear light per band over the frame
     pub mean_light: [f64; 3],
     /// whether the picture came as codes of 8 bits
@@ -94,16 +94,16 @@ pub const PLANES_AROUND_S: f64 = 0.3;
 impl FrameSamples {
     /// Its keypoints are tracks now, and no longer needed: most of what a frame takes.
     pub fn let_go_of_keypoints(&mut self) {
-        (self.keypoints, self.places, self.sights) = Default::default();
+        (self.keypoints, self.places, self.samples) = Default::default();
     }
 
     /// The same frame with another grid, and without its keypoints.
-    pub fn with_grid(&self, grid: Vec<(u32, Sight)>) -> Self {
-        Self { keypoints: Vec::new(), places: Vec::new(), sights: Vec::new(), grid, ..*self }
+    pub fn with_grid(&self, grid: Vec<(u32, Sample)>) -> Self {
+        Self { keypoints: Vec::new(), places: Vec::new(), samples: Vec::new(), grid, ..*self }
     }
 }
 
-impl Sight {
+impl Sample {
     /// The way of light to it, for a strobe at a given mount.
     pub fn path(&self, lamps: Lamps) -> Option<LightPath> {
         light_path(self.hit, self.seafloor_to_camera_m, self.normal, lamps)
@@ -171,7 +171,7 @@ pub fn samples(
         bands: image.bands(),
         keypoints: Vec::new(),
         places: Vec::new(),
-        sights: Vec::new(),
+        samples: Vec::new(),
         grid,
         mean_light,
         eight_bit: false,
@@ -202,8 +202,8 @@ pub fn samples(
             }
         };
         let ladder = std::array::from_fn(|k| on_rung(first_rung + k as i32));
-        taken.sights.push(KeypointSight {
-            sight: Sight { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] },
+        taken.samples.push(KeypointSample {
+            sample: Sample { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] },
             first_rung,
             ladder,
         });
@@ -213,14 +213,14 @@ pub fn samples(
     taken
 }
 
-impl KeypointSight {
+impl KeypointSample {
     /// The colour on a rung, `None` where it was not taken or is no measurement.
-    pub fn on_rung(&self, rung: i32, bands: usize) -> Option<Sight> {
+    pub fn on_rung(&self, rung: i32, bands: usize) -> Option<Sample> {
         let log_color = *self.ladder.get(usize::try_from(rung - self.first_rung).ok()?)?;
         log_color[..bands]
             .iter()
             .all(|v| v.is_finite())
-            .then_some(Sight { log_color, ..self.sight })
+            .then_some(Sample { log_color, ..self.sample })
     }
 }
 
@@ -360,13 +360,13 @@ fn grid(
     view: &View<'_>,
     reduction: usize,
     config: &EstimateConfig,
-) -> (Vec<(u32, Sight)>, [f64; 3]) {
+) -> (Vec<(u32, Sample)>, [f64; 3]) {
     // As many blocks for a large picture as for a small one: what is kept must not grow with the
     // camera.
     let step = config.grid_step_px * reduction;
     let (width, height, bands) = (image.light.width, image.light.height, image.bands());
     let (columns, rows) = (width / step, height / step);
-    let (mut sights, mut whole) = (Vec::with_capacity(columns * rows), Pool::default());
+    let (mut samples, mut whole) = (Vec::with_capacity(columns * rows), Pool::default());
     for row in 0..height.div_ceil(step) {
         for column in 0..width.div_ceil(step) {
             let span = |c: usize, size: usize| c * step..((c + 1) * step).min(size);
@@ -380,14 +380,14 @@ fn grid(
             if let Some(Sighted { hit, seafloor_to_camera_m, normal }) =
                 view.seafloor_point(centre(column), centre(row))
             {
-                sights.push((
+                samples.push((
                     (row * columns + column) as u32,
-                    Sight { hit, seafloor_to_camera_m, normal, log_color },
+                    Sample { hit, seafloor_to_camera_m, normal, log_color },
                 ));
             }
         }
     }
-    (sights, whole.mean())
+    (samples, whole.mean())
 }
 
 #[cfg(test)]
@@ -445,7 +445,7 @@ mod tests {
         assert_eq!(
             over(75.0, coarsest_m),
             f64::INFINITY,
-            "where the horizon is in sight, nobody knows"
+            "where the horizon is in sample, nobody knows"
         );
         assert_eq!(first_rung(f64::INFINITY, &MatchingConfig::default()), i32::MAX);
     }

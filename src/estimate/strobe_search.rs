@@ -14,7 +14,7 @@ use super::descent::{Lowest, SETTLED, descend};
 use super::joint::{PathFor, Problem, Setting, strobe_places};
 use super::tracks::Track;
 use crate::config::{EstimateConfig, StrobePosition};
-use crate::model::Nodes;
+use crate::model::BeamGrid;
 use crate::vehicle::Lamps;
 
 /// Places tried around the camera before the search begins [m].
@@ -24,7 +24,7 @@ pub const MOST_OBSERVATIONS: usize = 16_000;
 
 /// Where the light was found.
 #[derive(Clone, Debug)]
-pub struct FoundStrobe {
+pub struct StrobeFit {
     /// its mount: found place, orientation as at the start
     pub lamps: Lamps,
     /// standard deviation of the place, per body axis [m]
@@ -37,13 +37,13 @@ pub struct FoundStrobe {
 
 /// Where the light is taken to sit, and how that came about.
 #[derive(Clone, Debug)]
-pub struct PlacedStrobe {
+pub struct StrobePlacement {
     /// its mount
     pub lamps: Lamps,
     /// `found` or `refined`, where it was searched for and taken
     pub source: Option<&'static str>,
     /// the search, where there was one
-    pub search: Option<FoundStrobe>,
+    pub search: Option<StrobeFit>,
     /// what the user must know
     pub warning: Option<String>,
 }
@@ -64,9 +64,9 @@ pub fn place_strobe(
     is_known: bool,
     begun: Option<Lamps>,
     config: &EstimateConfig,
-) -> PlacedStrobe {
+) -> StrobePlacement {
     let start = samples.lamps;
-    let kept = |warning: Option<String>, search| PlacedStrobe {
+    let kept = |warning: Option<String>, search| StrobePlacement {
         lamps: start,
         source: None,
         search,
@@ -87,7 +87,7 @@ pub fn place_strobe(
     }
     // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place
     // by centimetres.
-    let nodes = Nodes::new(config.beam_nodes, config.beam_limit_deg);
+    let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let setting = Setting { rounds: 5, ..samples.setting(nodes, config) };
     let settled = if choice == StrobePosition::Auto { CHECKED_M } else { SETTLED };
     // Found is what was found without the given place.
@@ -103,7 +103,7 @@ pub fn place_strobe(
     let Some(found) = found else { return kept(unknown(), None) };
     let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
     let is_sure = std.is_finite() && std < UNSURE_M;
-    let take = |source| PlacedStrobe {
+    let take = |source| StrobePlacement {
         lamps: found.lamps,
         source: Some(source),
         search: Some(found.clone()),
@@ -139,7 +139,7 @@ fn search_strobe(
     (from, begin): (Lamps, Option<Lamps>),
     settled: f64,
     paths: &PathFor<'_>,
-) -> Option<FoundStrobe> {
+) -> Option<StrobeFit> {
     let observations: usize = tracks.iter().map(Vec::len).sum();
     let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
     let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();
@@ -172,7 +172,7 @@ fn search_strobe(
     };
     let Lowest { place, std, residual: [first, last] } = descend(place, settled, &asked_at)?;
     let moved_m = (place - from.origin().vector()).norm();
-    Some(FoundStrobe {
+    Some(StrobeFit {
         lamps: at(place),
         std_m: std.into(),
         residual: [at_start.unwrap_or(first), last],

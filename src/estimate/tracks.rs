@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::matching::MatchedPair;
-use super::samples::{FrameSamples, Sight};
+use super::samples::{FrameSamples, Sample};
 
 /// One view of a track.
 #[derive(Clone, Copy, Debug)]
@@ -14,7 +14,7 @@ pub struct Observation {
     /// index into the frames' samples
     pub frame: u32,
     /// place and colour, pooled over the track's footprint
-    pub sight: Sight,
+    pub sample: Sample,
 }
 
 /// One point of seafloor, seen twice or more.
@@ -65,13 +65,13 @@ pub fn tracks(frames: &[FrameSamples], pairs: &[MatchedPair]) -> Vec<Track> {
 
 /// Brings all views to the rung that the farthest of them sets.
 fn track(frames: &[FrameSamples], members: &[(usize, usize)]) -> Option<Track> {
-    let rung = members.iter().map(|(f, k)| frames[*f].sights[*k].first_rung).max()?;
+    let rung = members.iter().map(|(f, k)| frames[*f].samples[*k].first_rung).max()?;
     let track: Track = members
         .iter()
         .filter_map(|(f, k)| {
             Some(Observation {
                 frame: *f as u32,
-                sight: frames[*f].sights[*k].on_rung(rung, frames[*f].bands)?,
+                sample: frames[*f].samples[*k].on_rung(rung, frames[*f].bands)?,
             })
         })
         .collect();

@@ -12,7 +12,7 @@
 //! floor is the plane, or the plane and its relief. Attenuation and beam pattern do not live here.
 
 use crate::coordinates::{Body, Direction, Point};
-use crate::vehicle::{Camera, Lamps, MOST_LAMPS, Rig};
+use crate::vehicle::{Camera, Lamps, MAX_LAMPS, Rig};
 
 use super::{Relief, SeafloorPlane};
 
@@ -37,7 +37,7 @@ pub struct LightPath {
     pub angles: StrobeAngles,
     /// cosine of the angle between the light and the seafloor's normal
     pub cos_incidence: f64,
-    legs: [Leg; MOST_LAMPS],
+    legs: [Leg; MAX_LAMPS],
     count: usize,
 }
 
@@ -97,7 +97,7 @@ pub fn light_path(
     normal: Direction<Body>,
     lamps: Lamps,
 ) -> Option<LightPath> {
-    let mut legs = [Leg::NONE; MOST_LAMPS];
+    let mut legs = [Leg::NONE; MAX_LAMPS];
     let mut count = 0;
     for (pose, share) in lamps.poses() {
         let from_lamp = hit.vector() - pose.translation.vector;

@@ -57,14 +57,14 @@ const SHAPE_LIMITS: [(f64, f64); SHAPES] = [(0.0, 4.0), (-0.3, 1.5)];
 
 /// S_Λ of one ray down to the seafloor, in parts.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Glow {
+pub struct ScatterIntegral {
     /// from directions of the beam that frames showed, scattered evenly
     even: Bands,
     /// times η: from the others; times ζ: what is scattered sideways beyond that
     shaped: [Bands; SHAPES],
 }
 
-impl Glow {
+impl ScatterIntegral {
     /// S_Λ.
     pub fn of_band(&self, band: usize, shape: &[f64; SHAPES]) -> f64 {
         self.even[band] + self.shaped.iter().zip(shape).map(|(part, k)| part[band] * k).sum::<f64>()
@@ -89,7 +89,7 @@ impl Backscatter {
     }
 
     /// B_Λ = b_Λ S_Λ.
-    pub fn light(&self, glow: &Glow) -> Bands {
+    pub fn light(&self, glow: &ScatterIntegral) -> Bands {
         std::array::from_fn(|b| self.strength_per_m[b] * glow.of_band(b, &self.shape))
     }
 }
@@ -107,7 +107,7 @@ pub struct Frustum {
 
 /// S_Λ over rays and distances.
 #[derive(Clone, Debug)]
-pub struct GlowTable {
+pub struct ScatterTable {
     frustum: Frustum,
     /// rays (y major) × distances × (even, shaped)
     values: Vec<[[f32; 3]; 1 + SHAPES]>,
@@ -125,7 +125,7 @@ impl Frustum {
     }
 }
 
-impl GlowTable {
+impl ScatterTable {
     /// Integrates along every ray.
     pub fn new(
         beam: &BeamPattern,
@@ -182,7 +182,7 @@ impl GlowTable {
     }
 
     /// S_Λ of a ray down to the seafloor; beyond the table its edge.
-    pub fn at(&self, x: f64, y: f64, seafloor_to_camera_m: f64) -> Glow {
+    pub fn at(&self, x: f64, y: f64, seafloor_to_camera_m: f64) -> ScatterIntegral {
         let place = |v: f64, (a, b): (f64, f64), n: usize| {
             let at = ((v - a) / (b - a).max(1e-12) * (n - 1) as f64).clamp(0.0, (n - 1) as f64);
             let i = (at as usize).min(n - 2);
@@ -211,7 +211,7 @@ impl GlowTable {
                 });
             }
         }
-        Glow { even: parts[0], shaped: [parts[1], parts[2]] }
+        ScatterIntegral { even: parts[0], shaped: [parts[1], parts[2]] }
     }
 }
 
@@ -314,15 +314,15 @@ impl<'b> Intensity<'b> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Nodes;
+    use crate::model::BeamGrid;
 
     /// Against the integral in closed form: lamp at the camera, even beam, no water: ∫ ds/s² from
     /// where the lamp ends.
     #[test]
     fn the_table_holds_the_integral() {
-        let beam = BeamPattern::uniform(Nodes::new(41, 70.0));
+        let beam = BeamPattern::uniform(BeamGrid::new(41, 70.0));
         let frustum = Frustum { x: (-0.5, 0.5), y: (-0.4, 0.4), farthest_m: 5.0 };
-        let table = GlowTable::new(
+        let table = ScatterTable::new(
             &beam,
             Transform::identity(),
             &Lamps::one(Transform::identity()),
@@ -335,7 +335,7 @@ mod tests {
             assert!((is / ought(s) - 1.0).abs() < 0.02, "{is} instead of {} at {s} m", ought(s));
         }
         // A lamp beside the camera lights the near water less, and the far part of the ray as much.
-        let beside = GlowTable::new(
+        let beside = ScatterTable::new(
             &beam,
             Transform::identity(),
             &Lamps::one(Transform::from_parts([0.8, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])),

@@ -10,14 +10,14 @@ use crate::geometry::StrobeAngles;
 
 /// The grid's shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Nodes {
+pub struct BeamGrid {
     /// nodes per axis
     pub count: usize,
     /// the grid reaches from −limit to +limit [rad]
     pub limit_rad: f64,
 }
 
-impl Nodes {
+impl BeamGrid {
     /// A grid over ±`limit_deg`.
     pub fn new(count: usize, limit_deg: f64) -> Self {
         Self { count, limit_rad: limit_deg.to_radians() }
@@ -56,21 +56,21 @@ impl Nodes {
 /// log BP(θ, φ). Copies share its nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeamPattern {
-    nodes: Nodes,
+    nodes: BeamGrid,
     log_gain: Arc<[f64]>,
     seen: Arc<[bool]>,
 }
 
 impl BeamPattern {
     /// "Assume BP ≈ 1" (§IV-B).
-    pub fn uniform(nodes: Nodes) -> Self {
+    pub fn uniform(nodes: BeamGrid) -> Self {
         let count = nodes.count * nodes.count;
         Self { nodes, log_gain: vec![0.0; count].into(), seen: vec![true; count].into() }
     }
 
     /// From values per node (θ major), `None` where never seen: peak to 0, holes filled from their
     /// neighbours.
-    pub fn from_nodes(nodes: Nodes, values: &[Option<f64>]) -> Self {
+    pub fn from_nodes(nodes: BeamGrid, values: &[Option<f64>]) -> Self {
         let peak = values.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
         if !peak.is_finite() {
             return Self { seen: vec![false; values.len()].into(), ..Self::uniform(nodes) };
@@ -81,7 +81,7 @@ impl BeamPattern {
     }
 
     /// The grid.
-    pub fn nodes(&self) -> Nodes {
+    pub fn nodes(&self) -> BeamGrid {
         self.nodes
     }
 
@@ -131,7 +131,7 @@ impl BeamPattern {
             }
         }
         Self {
-            nodes: Nodes { count: fine, ..self.nodes },
+            nodes: BeamGrid { count: fine, ..self.nodes },
             log_gain: log_gain.into(),
             seen: seen.into(),
         }
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn theta_is_the_first_index_and_holes_are_filled_but_marked() {
-        let nodes = Nodes::new(21, 50.0);
+        let nodes = BeamGrid::new(21, 50.0);
         let value = |index: usize| -nodes.angle(index / 21).powi(2) - 0.5 * nodes.angle(index % 21);
         let values: Vec<Option<f64>> = (0..441).map(|i| (i % 21 < 18).then(|| value(i))).collect();
         let beam = BeamPattern::from_nodes(nodes, &values);
@@ -239,7 +239,7 @@ mod tests {
     /// direction becomes seen.
     #[test]
     fn a_finer_grid_is_nearer_to_a_smooth_lamp() {
-        let nodes = Nodes::new(41, 70.0);
+        let nodes = BeamGrid::new(41, 70.0);
         let lamp = |theta: f64, phi: f64| {
             -4.0 * theta * theta - 3.0 * phi * phi + 0.3 * (3.0 * theta).sin() - 1.0
         };

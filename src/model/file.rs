@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttenuationOverTime, Backscatter, BeamPattern, ImagingModel, LightSettingFile, Nodes, SHAPES,
-    SpreadingModel,
+    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, ImagingModel, LightSettingFile,
+    SHAPES, SpreadingModel,
 };
 use crate::config::{Method, Spreading};
 
@@ -265,7 +265,7 @@ impl BeamPatternFile {
                 .into());
         }
         let values: Vec<Option<f64>> = self.log_gain.iter().flatten().copied().collect();
-        Ok(BeamPattern::from_nodes(Nodes::new(count, *last), &values))
+        Ok(BeamPattern::from_nodes(BeamGrid::new(count, *last), &values))
     }
 }
 

@@ -21,8 +21,8 @@ mod drift;
 mod file;
 mod light_setting;
 
-pub use backscatter::{Backscatter, Frustum, Glow, GlowTable, SHAPES};
-pub use beam_pattern::{BeamPattern, Nodes};
+pub use backscatter::{Backscatter, Frustum, SHAPES, ScatterIntegral, ScatterTable};
+pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use file::{
     BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, ImageAnswer,

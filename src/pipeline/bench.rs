@@ -15,7 +15,7 @@ use crate::image::decode::{Codes, Light, codes, decode};
 use crate::image::noise::Noise;
 use crate::image::{LinearImage, SensorImage};
 use crate::messages::Kind;
-use crate::model::{GlowTable, ImagingModel, ModelFile, RenderingFile};
+use crate::model::{ImagingModel, ModelFile, RenderingFile, ScatterTable};
 use crate::parallel::Threads;
 use crate::recording::Message;
 use crate::units::Stamp;
@@ -186,7 +186,7 @@ impl Bench {
 
     /// What the water scatters back, ray by ray, for a method that takes it off: made once for many
     /// frames.
-    pub fn glow(&self, method: Method) -> Option<GlowTable> {
+    pub fn glow(&self, method: Method) -> Option<ScatterTable> {
         glow_table(&self.model, &self.log.survey.rig, method)
     }
 
@@ -196,7 +196,7 @@ impl Bench {
         frame: &BenchFrame,
         method: Method,
         rendering: &RenderingFile,
-        glow: Option<&GlowTable>,
+        glow: Option<&ScatterTable>,
     ) -> LinearImage {
         let (fine, roughness) = &self.fine;
         let now = fine.at(frame.stamp);

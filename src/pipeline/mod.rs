@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::estimate::as_modelled;
 use crate::image::Container;
 use crate::messages::writer::WireFormat;
-use crate::model::{Frustum, GlowTable, ImagingModel, ModelFile};
+use crate::model::{Frustum, ImagingModel, ModelFile, ScatterTable};
 use crate::recording::{Output, Recording, Window, check_output_path};
 use crate::report::Report;
 use crate::vehicle::{CameraFacts, Rig, RigFile};
@@ -311,7 +311,7 @@ struct Ready {
     model: ImagingModel,
     /// the same with a finer beam pattern
     fine: ImagingModel,
-    glow: Option<GlowTable>,
+    glow: Option<ScatterTable>,
     means: MeanFrames,
     rig_toml: String,
     /// what pass one warned of
@@ -474,7 +474,7 @@ fn write_corrected(
 }
 
 /// What the water scatters back, ray by ray, for methods that take the water away.
-fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<GlowTable> {
+fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<ScatterTable> {
     let backscatter =
         model.backscatter.filter(|_| matches!(method, Method::Full | Method::Attenuation))?;
     let (w, h) = ((rig.camera.width - 1) as f64, (rig.camera.height - 1) as f64);
@@ -483,7 +483,7 @@ fn glow_table(model: &ImagingModel, rig: &Rig, method: Method) -> Option<GlowTab
         .flat_map(|t| [(t * w, 0.0), (t * w, h), (0.0, t * h), (w, t * h)]);
     let rays =
         edge.filter_map(|(u, v)| rig.camera.image_plane(u, v)).map(|(x, y)| (x, y, GLOW_REACHES_M));
-    Some(GlowTable::new(
+    Some(ScatterTable::new(
         &model.beam_pattern,
         rig.body_from_optical,
         &rig.strobe.lamps,

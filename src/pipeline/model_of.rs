@@ -9,7 +9,7 @@ use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::rendering;
 use crate::error::{Error, Result};
 use crate::estimate::{
-    Estimate, FollowedSetting, FoundBackscatter, FrameSamples, MatchedPair, PlacedStrobe, tracks,
+    BackscatterFit, Estimate, FollowedSetting, FrameSamples, MatchedPair, StrobePlacement, tracks,
     understand,
 };
 use crate::geometry::LightPath;
@@ -139,7 +139,7 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     })
 }
 
-fn backscatter_file(found: &FoundBackscatter, bands: usize) -> BackscatterFile {
+fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
     let of = |values: &Bands| values[..bands].to_vec();
     BackscatterFile {
         strength_per_m: of(&found.backscatter.strength_per_m),
@@ -184,7 +184,7 @@ pub fn strobe_of(file: &ModelFile, rig: &Rig) -> StrobeMount {
     }
 }
 
-fn strobe_file(placed: &PlacedStrobe, rig: &Rig) -> StrobeFile {
+fn strobe_file(placed: &StrobePlacement, rig: &Rig) -> StrobeFile {
     let facts = MountFacts::of(
         (rig.body_from_optical.inverse() * placed.lamps.body_from_strobe()).isometry(),
     );

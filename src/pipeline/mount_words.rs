@@ -2,14 +2,14 @@
 
 use nalgebra::UnitQuaternion;
 
-use crate::estimate::FoundMounts;
+use crate::estimate::MountFit;
 use crate::model::MountCheckFile;
 use crate::vehicle::Rig;
 
 /// The check as numbers, and what the user must know. `offset_s` is what the camera's stamps get
 /// already [s].
 pub fn mount_check(
-    found: &FoundMounts,
+    found: &MountFit,
     rig: &Rig,
     camera_topic: &str,
     offset_s: f64,

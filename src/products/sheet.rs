@@ -15,7 +15,7 @@ use crate::correct::{MeanFrames, apply_baseline};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, Matchable, matches};
 use crate::image::LinearImage;
-use crate::model::{GlowTable, ModelFile, RenderingFile};
+use crate::model::{ModelFile, RenderingFile, ScatterTable};
 use crate::pipeline::bench::{Bench, BenchFrame};
 use crate::pipeline::{self, Options, Progress};
 use crate::plot::Canvas;
@@ -120,7 +120,7 @@ struct Methods<'m> {
     bench: &'m Bench,
     means: MeanFrames,
     rendering: RenderingFile,
-    glow: Option<GlowTable>,
+    glow: Option<ScatterTable>,
 }
 
 /// The sheet of one frame, as a PNG. Without a model one is estimated first.

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use crate::coordinates::{Body, Point, Strobe, Transform};
 
 /// More lamps than this shine as these.
-pub const MOST_LAMPS: usize = 4;
+pub const MAX_LAMPS: usize = 4;
 
 /// One of several lamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Lamp {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamps {
     body_from_strobe: Transform<Body, Strobe>,
-    lamps: [Lamp; MOST_LAMPS],
+    lamps: [Lamp; MAX_LAMPS],
     count: usize,
 }
 
@@ -33,15 +33,15 @@ impl Lamps {
     /// One strobe.
     pub fn one(body_from_strobe: Transform<Body, Strobe>) -> Self {
         let first = Lamp { offset: Vector3::zeros(), turn: UnitQuaternion::identity(), share: 1.0 };
-        Self { body_from_strobe, lamps: [first; MOST_LAMPS], count: 1 }
+        Self { body_from_strobe, lamps: [first; MAX_LAMPS], count: 1 }
     }
 
     /// Several, with the strength of each; `None` where there are none, or more than
-    /// [`MOST_LAMPS`], or one has no strength.
+    /// [`MAX_LAMPS`], or one has no strength.
     pub fn several(mounts: &[(Transform<Body, Strobe>, f64)]) -> Option<Self> {
         let total: f64 = mounts.iter().map(|m| m.1).sum();
         let first = mounts.first()?.0;
-        if mounts.len() > MOST_LAMPS || mounts.iter().any(|m| !m.1.is_finite() || m.1 <= 0.0) {
+        if mounts.len() > MAX_LAMPS || mounts.iter().any(|m| !m.1.is_finite() || m.1 <= 0.0) {
             return None;
         }
         let mut all = Self { count: mounts.len(), ..Self::one(first) };

@@ -14,7 +14,7 @@ mod rig_file_check;
 
 pub use attitude::AttitudeTrack;
 pub use camera::{Calibration, Camera, Distortion, LensModel};
-pub use lamps::{Lamp, Lamps, MOST_LAMPS};
+pub use lamps::{Lamp, Lamps, MAX_LAMPS};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
 pub use rig::{

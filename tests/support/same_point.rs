@@ -25,7 +25,7 @@ const CAMERA_IN_BASE: [f64; 3] = [0.34, -0.10, -0.12];
 const CLIPPED: f32 = 0.985;
 
 /// Where one point lies in one frame: pixels and their weights.
-struct Sight {
+struct Sample {
     frame: usize,
     point: usize,
     weights: Vec<(usize, f32)>,
@@ -33,7 +33,7 @@ struct Sight {
 
 /// The ground of a dive, point by point.
 pub struct Ground {
-    sights: Vec<Sight>,
+    samples: Vec<Sample>,
     points: usize,
     /// by frame and block: whether any pixel is clipped in the raw picture
     clipped: Vec<Vec<bool>>,
@@ -65,7 +65,7 @@ impl Ground {
         let corner = [low(0), low(1)];
         let across = ((high(0) - corner[0]) / POINT_STEP_M) as usize + 2;
         let points = across * (((high(1) - corner[1]) / POINT_STEP_M) as usize + 2);
-        let mut sights = Vec::new();
+        let mut samples = Vec::new();
         for (frame, (places, raw)) in seen.iter().zip(raw).enumerate() {
             let mut of_point: Vec<Vec<(usize, f32)>> = vec![Vec::new(); points];
             let mut is_cut = vec![false; points];
@@ -88,7 +88,7 @@ impl Ground {
                 if !weights.is_empty() && !is_cut[point] {
                     let sum: f32 = weights.iter().map(|(_, w)| w).sum();
                     weights.iter_mut().for_each(|(_, w)| *w /= sum);
-                    sights.push(Sight { frame, point, weights });
+                    samples.push(Sample { frame, point, weights });
                 }
             }
         }
@@ -98,7 +98,7 @@ impl Ground {
             };
             blocks(dive.width, dive.height, clipped).iter().map(|share| *share > 0.0).collect()
         };
-        Self { sights, points, clipped: raw.iter().map(is_clipped).collect() }
+        Self { samples, points, clipped: raw.iter().map(is_clipped).collect() }
     }
 
     /// What pictures show.
@@ -133,7 +133,7 @@ impl Ground {
     /// Spread of log light at a point over frames (median over points), and of points' means.
     fn spreads(&self, light: impl Fn(usize, usize) -> f32) -> (f64, f64) {
         let mut logs: Vec<Vec<f64>> = vec![Vec::new(); self.points];
-        for sight in &self.sights {
+        for sight in &self.samples {
             let mean: f32 =
                 sight.weights.iter().map(|(pixel, w)| w * light(sight.frame, *pixel)).sum();
             if mean > 0.0 {

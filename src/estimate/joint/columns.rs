@@ -3,7 +3,7 @@
 
 use super::{Row, Setting};
 use crate::model::{Backscatter, SHAPES};
-use crate::vehicle::MOST_LAMPS;
+use crate::vehicle::MAX_LAMPS;
 
 /// The most entries that a row has for one band: α 2, exponent 1, glow 3, places 6.
 const MOST: usize = 12;
@@ -105,7 +105,7 @@ impl Columns {
     }
 
     /// What a row's design has in all bands: the beam's nodes.
-    pub fn of_beam(&self, row: &Row) -> Entries<{ 4 * MOST_LAMPS }> {
+    pub fn of_beam(&self, row: &Row) -> Entries<{ 4 * MAX_LAMPS }> {
         let mut entries = Entries::new();
         for &(node, weight) in &row.nodes[..row.nodes_used] {
             if let Some(unknown) = self.beam_node(node) {

@@ -29,9 +29,11 @@ use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{Backscatter, BeamPattern, Glow, Nodes, SpreadingModel, log_geometry};
+use crate::model::{
+    Backscatter, BeamGrid, BeamPattern, ScatterIntegral, SpreadingModel, log_geometry,
+};
 use crate::parallel::each;
-use crate::vehicle::{Lamps, MOST_LAMPS};
+use crate::vehicle::{Lamps, MAX_LAMPS};
 use columns::Columns;
 use places::{MOST_PLACES, Place};
 
@@ -54,7 +56,7 @@ pub struct Setting<'s> {
     /// 1 or 3
     pub bands: usize,
     /// the beam pattern's grid
-    pub nodes: Nodes,
+    pub nodes: BeamGrid,
     /// p_a and p_s
     pub spreading: SpreadingModel,
     /// whether p_a is an unknown
@@ -62,7 +64,7 @@ pub struct Setting<'s> {
     /// whether the strobe's place came from this log too, so that α is less sure by it
     pub free_strobe: bool,
     /// what scatters back to begin with, and S_Λ of an observation, where it is an unknown too
-    pub glow: Option<(&'s Backscatter, &'s GlowOf<'s>)>,
+    pub glow: Option<(&'s Backscatter, &'s ScatterOf<'s>)>,
     /// where each frame stands among the nodes of α in time, and how many there are
     pub drift: Option<&'s Drift>,
     /// reweightings
@@ -72,7 +74,7 @@ pub struct Setting<'s> {
 }
 
 /// S_Λ of an observation.
-pub type GlowOf<'f> = dyn Fn(&Observation) -> Glow + Sync + 'f;
+pub type ScatterOf<'f> = dyn Fn(&Observation) -> ScatterIntegral + Sync + 'f;
 
 /// Nodes of α in time.
 #[derive(Clone, Debug)]
@@ -118,7 +120,7 @@ pub type PathFor<'f> = dyn Fn(&Observation, Lamps) -> Option<LightPath> + Sync +
 /// One view of a track, as numbers of the linear problem.
 struct Row {
     frame: u32,
-    nodes: [(usize, f64); 4 * MOST_LAMPS],
+    nodes: [(usize, f64); 4 * MAX_LAMPS],
     /// how many of these there are
     nodes_used: usize,
     length_m: f64,
@@ -135,7 +137,7 @@ struct Row {
     /// log c
     log_color: [f32; 3],
     /// S_Λ
-    glow: Glow,
+    glow: ScatterIntegral,
     /// D / (D + B): misfits of y are this much larger than those of log c
     direct_share: [f64; 3],
     /// 1 / D: D is the direct light by the solution before. The observed light would carry its own
@@ -411,7 +413,7 @@ fn row(
     source: usize,
 ) -> Option<Row> {
     let is_known = |(n, w): &(usize, f64)| columns.beam_node(*n).is_some() || *w <= 1e-9;
-    let mut nodes = [(0, 0.0); 4 * MOST_LAMPS];
+    let mut nodes = [(0, 0.0); 4 * MAX_LAMPS];
     let of_leg = |p: &LightPath, share: f64| LegRow {
         nodes: setting.nodes.weights(p.angles),
         log_geometry: share.ln()
@@ -428,9 +430,10 @@ fn row(
         return None;
     }
     let geometry = first.log_geometry;
-    let log_color = o.sight.log_color;
-    let (glow, back) =
-        setting.glow.map_or((Glow::default(), Backscatter::NONE), |(back, glow)| (glow(o), *back));
+    let log_color = o.sample.log_color;
+    let (glow, back) = setting
+        .glow
+        .map_or((ScatterIntegral::default(), Backscatter::NONE), |(back, glow)| (glow(o), *back));
     let (mut y, mut direct_share, mut per_direct, light) =
         ([0.0; 3], [1.0; 3], [0.0; 3], back.light(&glow));
     for b in 0..setting.bands {

@@ -5,7 +5,7 @@ use super::Selection;
 use super::mounts::Mounts;
 use crate::coordinates::{Body, Direction, Optical, Strobe, Transform};
 use crate::error::{Error, Result};
-use crate::vehicle::{Lamps, MOST_LAMPS, RigFile, StrobeMount};
+use crate::vehicle::{Lamps, MAX_LAMPS, RigFile, StrobeMount};
 
 /// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its
 /// turn is another convention's (x ahead) or none.
@@ -43,9 +43,7 @@ pub fn strobe_mount(
             .collect::<std::result::Result<Vec<_>, String>>();
         let lamps = Lamps::several(&mounts.map_err(Error::Rig)?);
         let lamps = lamps.ok_or_else(|| {
-            Error::Rig(format!(
-                "strobe.lamps takes 1 to {MOST_LAMPS} lamps with a strength above 0"
-            ))
+            Error::Rig(format!("strobe.lamps takes 1 to {MAX_LAMPS} lamps with a strength above 0"))
         })?;
         return Ok(StrobeMount { lamps, source: Some("rig file".into()) });
     }
@@ -83,7 +81,7 @@ pub fn strobe_mount(
     let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
     let lights = if optical.is_empty() { lights } else { optical };
     let mut mounts: Vec<(Transform<Body, Strobe>, f64)> =
-        lights.iter().take(MOST_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
+        lights.iter().take(MAX_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
     if mounts.iter().any(|(pose, _)| ahead(pose) < LEAST_AHEAD) {
         remarks.push(format!(
             "by its turn in the TF tree no light would shine from {} where the camera looks; it \

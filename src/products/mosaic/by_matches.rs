@@ -181,9 +181,9 @@ fn levelled(bench: &Bench, samples: FrameSamples, log_time: u64) -> Frame {
     let level_from_body =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rows));
     let points = samples
-        .sights
+        .samples
         .iter()
-        .map(|s| level_from_body * s.sight.hit.vector())
+        .map(|s| level_from_body * s.sample.hit.vector())
         .map(|p| [p.x, p.y])
         .collect();
     Frame { samples, log_time, level_from_body, points }

@@ -8,7 +8,7 @@ use super::super::pictures::{codes, exposure, jpeg_uri, reduced};
 use super::Figure;
 use crate::config::{Method, WhiteBalance};
 use crate::image::LinearImage;
-use crate::model::GlowTable;
+use crate::model::ScatterTable;
 use crate::pipeline::bench::{Bench, BenchFrame};
 use crate::plot::escaped;
 
@@ -18,8 +18,8 @@ const QUALITY: u8 = 84;
 
 /// What the stages of any frame need, made once.
 pub struct Stages {
-    attenuation: Option<GlowTable>,
-    full: Option<GlowTable>,
+    attenuation: Option<ScatterTable>,
+    full: Option<ScatterTable>,
 }
 
 impl Stages {
@@ -35,7 +35,7 @@ impl Stages {
         }
         let raw = frame.image.clone().into_bands();
         let balance = balance_of(&bench.file.rendering.gain);
-        let stage = |method, white_balance, glow: &Option<GlowTable>| {
+        let stage = |method, white_balance, glow: &Option<ScatterTable>| {
             let rendering = bench.rendering(&lit, method, white_balance);
             bench.corrected(frame, method, &rendering, glow.as_ref())
         };
