@@ -7,7 +7,7 @@
 //! With `--json` one line of JSON per dive and per goal instead of tables.
 #[path = "accuracy/goals.rs"]
 mod goals;
-#[path = "../tests/support/mod.rs"]
+#[path = "../tests/it/support/mod.rs"]
 mod support;
 
 use std::collections::BTreeMap;

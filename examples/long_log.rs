@@ -5,7 +5,7 @@
 //!
 //! Frames are rendered once (`DISTINCT` of them, 24 unless told: one swing of the altitude) and
 //! repeated with later stamps.
-#[path = "../tests/support/mod.rs"]
+#[path = "../tests/it/support/mod.rs"]
 mod support;
 
 use std::io::BufWriter;

@@ -1,7 +1,7 @@
 //! Makes `sample_logs/lost_beams.mcap` with the tests' own renderer: tilt and many lost beams.
 //!
 //!     cargo run --release --example make_sample_logs
-#[path = "../tests/support/render.rs"]
+#[path = "../tests/it/support/render.rs"]
 mod render;
 
 fn main() {

@@ -2,12 +2,10 @@
 //! libraries that Foxglove decodes with, and the layouts for both. `tests/playback/setup.sh`
 //! installs the two; without them these tests are reported as ignored, or, where the variable
 //! `UNWATER_PLAYBACK` is set, as CI does, as failed.
-#![allow(clippy::unwrap_used)]
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use libtest_mimic::{Arguments, Failed, Trial};
+use libtest_mimic::{Failed, Trial};
 
 /// The points that a viewer must show, by kind in rerun and in Foxglove; `CDR` and `PROTOBUF`
 /// differ in what rerun plots by itself.
@@ -102,7 +100,7 @@ fn plays_back(encoding: &str, log: &str) -> Result<(), Failed> {
     Ok(())
 }
 
-fn main() {
+pub fn trials() -> Vec<Trial> {
     let installed =
         tools().join("venv/bin/python").exists() && tools().join("node_modules").is_dir();
     let wanted = std::env::var_os("UNWATER_PLAYBACK").is_some();
@@ -113,15 +111,14 @@ fn main() {
         );
     }
     const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/rendered_clear.mcap");
-    let trials = ["cdr", "protobuf"]
+    ["cdr", "protobuf"]
         .map(|encoding| {
             Trial::test(
-                format!("the corrected sample log in {encoding} plays back in rerun and Foxglove"),
+                format!("playback: the corrected sample log in {encoding} plays back in rerun and Foxglove"),
                 move || plays_back(encoding, SAMPLE),
             )
             .with_ignored_flag(!installed && !wanted)
         })
         .into_iter()
-        .collect();
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+        .collect()
 }

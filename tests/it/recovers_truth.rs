@@ -1,11 +1,7 @@
 //! Render with a known model → estimate → correct → compare. The renderer shares no code with the
 //! estimator.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
-use support::judge::{Verdict, run};
-use support::render::{Dive, DvlType, Sensor, Truth};
+use crate::support::judge::{Verdict, run};
+use crate::support::render::{Dive, DvlType, Sensor, Truth};
 use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
 use unwater::model::LightLaw;
 use unwater::pipeline::Options;
@@ -294,7 +290,7 @@ fn a_cameras_own_response_is_undone_by_its_table() {
     let code_of = |light: f64| 0.15 * light + 0.85 * light.powf(0.55);
     let path = folder.path().join("dive.mcap");
     let truth = dive.write(&path);
-    support::transcode::with_pixels(
+    crate::support::transcode::with_pixels(
         &path,
         "/camera/image_raw",
         2 * dive.width * dive.height,
@@ -405,7 +401,7 @@ fn a_single_altitude_is_called_not_identified() {
 #[test]
 fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
     let dive = Dive { seed: 141, frames: 40, ..Dive::default() };
-    let told = |v: &support::judge::Verdict| {
+    let told = |v: &crate::support::judge::Verdict| {
         v.report.warnings.iter().filter(|w| w.contains("contradicts")).cloned().collect::<Vec<_>>()
     };
     let (v, _) = judged(&dive, &Options::default());

@@ -1,15 +1,11 @@
 //! The program as a user runs it: exit statuses, nothing lost, nothing half written, the same bytes
 //! every time.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-use support::render::Dive;
+use crate::support::render::Dive;
 use unwater::recording::{Entry, Message, Recording, Window};
 
 fn unwater(args: &[&str]) -> Output {

@@ -1,16 +1,12 @@
 //! Chunks: those with nothing to leave out go through as they are, others lose nothing either, and
 //! only those are read that are needed. What is written is read by the mcap crate here, which
 //! shares no code with the writer.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use crate::support::render::Dive;
 use mcap::records::Record;
-use support::render::Dive;
 use unwater::config::Compression;
 use unwater::model::ModelFile;
 use unwater::pipeline::{Options, Silent, Threads, correct, estimate_logs, prepare, scan::scan};

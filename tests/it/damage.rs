@@ -1,7 +1,5 @@
 //! Logs that are odd, large or broken in one way each: what `inspect` says of them, and that they
 //! are read.
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

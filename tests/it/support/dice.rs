@@ -38,8 +38,28 @@ pub fn factor() -> usize {
     std::env::var("UNWATER_FUZZ").ok().and_then(|f| f.parse().ok()).unwrap_or(1)
 }
 
-/// Where the system tells: the most memory that this process has ever had.
-pub fn ensure_memory_is_bounded() {
+/// Runs `body` in a process of its own, which is this binary with one test, `module::name`, and
+/// fails if that process ever had more than 1 GiB in memory (where the system reports it).
+pub fn with_bounded_memory(test: &str, body: impl FnOnce()) {
+    const ALONE: &str = "UNWATER_TEST_ALONE";
+    if std::env::var_os(ALONE).is_some() {
+        body();
+        return ensure_memory_is_bounded();
+    }
+    let program = std::env::current_exe().expect("the test binary");
+    let ran = std::process::Command::new(program)
+        .args(["--exact", test, "--nocapture"])
+        .env(ALONE, "1")
+        .output()
+        .expect("the test binary runs");
+    let printed = String::from_utf8_lossy(&ran.stdout);
+    let errors = String::from_utf8_lossy(&ran.stderr);
+    assert!(ran.status.success(), "{printed}{errors}");
+    assert!(printed.contains("1 passed"), "no test of the name {test}: {printed}");
+}
+
+/// The largest resident size that this process has had.
+fn ensure_memory_is_bounded() {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return };
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:")).unwrap_or("0 kB");
     let kilobytes: u64 = line.trim().trim_end_matches(" kB").trim().parse().unwrap();

@@ -1,15 +1,11 @@
 //! The recordings that people have: one dive in every encoding, video, clocks, and bytes that make
 //! no sense.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::path::{Path, PathBuf};
 
-use support::dice::{Dice, ensure_memory_is_bounded, factor};
-use support::foreign_bytes::exercise;
-use support::render::Dive;
-use support::transcode::{Encoding, transcode};
+use crate::support::dice::{Dice, factor, with_bounded_memory};
+use crate::support::foreign_bytes::exercise;
+use crate::support::render::Dive;
+use crate::support::transcode::{Encoding, transcode};
 use unwater::config::Config;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{WireFormat, Writer};
@@ -254,6 +250,11 @@ fn samples() -> Vec<PathBuf> {
 
 #[test]
 fn damaged_messages_and_schemas_are_sentences_and_never_panics() {
+    let name = "recordings::damaged_messages_and_schemas_are_sentences_and_never_panics";
+    with_bounded_memory(name, damage_messages_and_schemas);
+}
+
+fn damage_messages_and_schemas() {
     let mut dice = Dice(0x9e37_79b9_7f4a_7c15);
     let mut places = 0;
     for log in samples() {
@@ -292,11 +293,15 @@ fn damaged_messages_and_schemas_are_sentences_and_never_panics() {
         }
     }
     assert!(places >= 5000, "{places} places");
-    ensure_memory_is_bounded();
 }
 
 #[test]
 fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
+    let name = "recordings::damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false";
+    with_bounded_memory(name, damage_logs);
+}
+
+fn damage_logs() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged.mcap");
     let mut dice = Dice(0x2545_f491_4f6c_dd1d);
@@ -335,5 +340,4 @@ fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
         }
     }
     assert!(places >= 5000, "{places} places");
-    ensure_memory_is_bounded();
 }

@@ -1,12 +1,8 @@
 //! The judge's own instruments: colour differences against published pairs, and points of the
 //! ground against the renderer.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
-use support::colour::{delta_e, lab};
-use support::render::Dive;
-use support::same_point::Ground;
+use crate::support::colour::{delta_e, lab};
+use crate::support::render::Dive;
+use crate::support::same_point::Ground;
 use unwater::image::LinearImage;
 
 /// Pairs of table 1 of Sharma, Wu & Dalal 2005: those about hue's seam, its mean and its rotation
@@ -51,7 +47,7 @@ fn one_point_of_the_ground_is_found_in_all_frames() {
     let folder = tempfile::tempdir().unwrap();
     let truth = dive.write(&folder.path().join("dive.mcap"));
     let picture = |shift: usize| -> Vec<LinearImage> {
-        let of = |(k, f): (usize, &support::render::FrameTruth)| {
+        let of = |(k, f): (usize, &crate::support::render::FrameTruth)| {
             let mut image = LinearImage::new(dive.width, dive.height, 3);
             let pixels = dive.width * dive.height;
             for (i, pixel) in image.pixels.chunks_exact_mut(3).enumerate() {

@@ -4,17 +4,13 @@
 //! Pages are opened in headless Chromium where there is one, with node and playwright-core
 //! (`NODE_PATH`); elsewhere those tests are reported as ignored, never as passed. So are those on
 //! dives that `UNWATER_DATA` names.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use libtest_mimic::{Arguments, Failed, Trial};
-use support::ensure;
-use support::render::{Dive, Sensor, Truth};
+use crate::support::ensure;
+use crate::support::render::{Dive, Sensor, Truth};
+use libtest_mimic::{Failed, Trial};
 use unwater::config::OutputConfig;
 use unwater::pipeline::Options;
 use unwater::products::dive::CorrectedLog;
@@ -620,29 +616,34 @@ fn data_set_is_whole() -> Result<(), Failed> {
     )
 }
 
-fn main() {
+pub fn trials() -> Vec<Trial> {
     let data = std::env::var_os("UNWATER_DATA").map(PathBuf::from).filter(|d| d.is_dir());
     let has_chromium = has_chromium();
     let no_data = data.is_none();
     let data = data.unwrap_or_default();
     let trials = vec![
-        Trial::test("the page says what it must", page_says_what_it_must),
-        Trial::test("pages of poorer logs say why", || pages_of_poorer_logs().map(drop)),
-        Trial::test("names are escaped", names_are_escaped),
-        Trial::test("pages open in Chromium", pages_open).with_ignored_flag(!has_chromium),
-        Trial::test("pages of the dives open in Chromium", move || pages_of_dives_open(&data))
-            .with_ignored_flag(!has_chromium || no_data),
-        Trial::test("the sheet is made", sheet_is_made),
-        Trial::test("the mosaic puts points where they are", mosaic_puts_points_where_they_are),
-        Trial::test("the mosaic by shared points", mosaic_by_shared_points),
-        Trial::test("the mosaic without a position", mosaic_without_a_position),
-        Trial::test("the map is where it is", map_is_where_it_is),
-        Trial::test("the data set is whole", data_set_is_whole),
+        Trial::test("look: the page says what it must", page_says_what_it_must),
+        Trial::test("look: pages of poorer logs say why", || pages_of_poorer_logs().map(drop)),
+        Trial::test("look: names are escaped", names_are_escaped),
+        Trial::test("look: pages open in Chromium", pages_open).with_ignored_flag(!has_chromium),
+        Trial::test("look: pages of the dives open in Chromium", move || {
+            pages_of_dives_open(&data)
+        })
+        .with_ignored_flag(!has_chromium || no_data),
+        Trial::test("look: the sheet is made", sheet_is_made),
+        Trial::test(
+            "look: the mosaic puts points where they are",
+            mosaic_puts_points_where_they_are,
+        ),
+        Trial::test("look: the mosaic by shared points", mosaic_by_shared_points),
+        Trial::test("look: the mosaic without a position", mosaic_without_a_position),
+        Trial::test("look: the map is where it is", map_is_where_it_is),
+        Trial::test("look: the data set is whole", data_set_is_whole),
     ];
     if !has_chromium {
         eprintln!(
             "Chromium, node or playwright-core is missing: the tests in a browser are skipped"
         );
     }
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    trials
 }

@@ -1,14 +1,10 @@
 //! Runs on dives that are too large or not free to be in the tree: named by the variable
 //! `UNWATER_DATA`. Without it they are reported as ignored, never as passed.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use libtest_mimic::{Arguments, Failed, Trial};
-use support::{ensure, render::Dive, replay};
+use crate::support::{ensure, render::Dive, replay};
+use libtest_mimic::{Failed, Trial};
 use unwater::config::{OutputConfig, OutputEncoding};
 use unwater::model::ModelFile;
 use unwater::pipeline::{Options, Silent, correct};
@@ -212,7 +208,7 @@ fn has_readers() -> bool {
     Command::new("python3").args(["-c", wanted]).output().is_ok_and(|ran| ran.status.success())
 }
 
-fn main() {
+pub fn trials() -> Vec<Trial> {
     let data = std::env::var_os("UNWATER_DATA").map(PathBuf::from).filter(|d| d.is_dir());
     let missing = data.is_none();
     let data = data.unwrap_or_default();
@@ -230,18 +226,19 @@ fn main() {
         ("a Nortek DVL333 agrees with itself", Box::new(replay::dvl333)),
         ("a Ping altimeter's drop-outs are seen", Box::new(replay::ping1d)),
     ];
-    let others = Trial::test("every output encoding is read by others (Python)", read_by_others)
-        .with_ignored_flag(!has_readers());
+    let others =
+        Trial::test("dives: every output encoding is read by others (Python)", read_by_others)
+            .with_ignored_flag(!has_readers());
     let trials = checks
         .into_iter()
         .map(|(name, check)| {
             let data = data.clone();
-            Trial::test(name, move || check(&data)).with_ignored_flag(missing)
+            Trial::test(format!("dives: {name}"), move || check(&data)).with_ignored_flag(missing)
         })
         .chain([others])
         .collect();
     if missing {
         eprintln!("UNWATER_DATA names no folder: the tests on dives are skipped");
     }
-    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+    trials
 }

@@ -1,6 +1,4 @@
 //! The house keeps its order: imports point down only, and ARCHITECTURE.md says what is so.
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

@@ -732,7 +732,7 @@ impl Cdr {
 fn write_log(path: &Path, mut messages: Messages) {
     messages.sort_by_key(|&(ns, topic, ..)| (ns, topic));
     let file = std::io::BufWriter::new(std::fs::File::create(path).expect("the log's file"));
-    let options = mcap::WriteOptions::new().profile("ros2").library("unwater tests/support/render.rs");
+    let options = mcap::WriteOptions::new().profile("ros2").library("unwater tests/it/support/render.rs");
     let options = options.compression(Some(mcap::Compression::Zstd)).chunk_size(Some(1 << 20));
     let mut writer = options.create(file).expect("the log's header");
     let mut channels = std::collections::BTreeMap::new();

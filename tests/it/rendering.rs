@@ -1,13 +1,9 @@
 //! Pictures that a scientist can trust: codes lead back to reflectance, and what cannot be trusted
 //! is marked and counted.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::path::Path;
 
-use support::judge::{pictures, run_and_show, shown_again, unbend};
-use support::render::Dive;
+use crate::support::judge::{pictures, run_and_show, shown_again, unbend};
+use crate::support::render::Dive;
 use unwater::config::ImageFormat;
 use unwater::image::LinearImage;
 use unwater::pipeline::{Options, Silent, correct};
@@ -66,7 +62,7 @@ fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
             .filter(|(v, _)| **v < 0.99)
             .map(|(v, r)| f64::from(*v) / rendering.gain[band] / f64::from(r[band]))
             .collect();
-        support::judge::median(&mut ratios)
+        crate::support::judge::median(&mut ratios)
     };
     // The strobe is white here, so the bands agree too, as far as α does.
     let all: Vec<f64> = (0..deep.len())

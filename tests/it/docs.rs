@@ -1,10 +1,6 @@
 //! The docs hold what they promise: every command in them runs, every link leads somewhere, and
-//! docs/commands.md is what the program says of itself (`UNWATER_BLESS=1 cargo test --test docs`
+//! docs/commands.md is what the program says of itself (`UNWATER_BLESS=1 cargo test --test it docs`
 //! writes it anew).
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
@@ -181,7 +177,7 @@ fn commands_are_described_as_they_are() {
     let was = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(
         was == is,
-        "docs/commands.md is not what the program says: UNWATER_BLESS=1 cargo test --test docs"
+        "docs/commands.md is not what the program says: UNWATER_BLESS=1 cargo test --test it docs"
     );
 }
 
@@ -248,7 +244,7 @@ fn every_command_runs() {
     let dive = tempfile::tempdir().unwrap();
     let logs = [1, 2].map(|seed| {
         let log = dive.path().join(format!("{seed}.mcap"));
-        support::render::Dive {
+        crate::support::render::Dive {
             seed,
             frames: 14,
             width: 288,

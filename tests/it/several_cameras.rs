@@ -1,13 +1,9 @@
 //! Logs of several cameras: each is corrected with a model of its own, as if it were the only one.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::support::render::{Dive, Sensor};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use support::render::{Dive, Sensor};
 use unwater::error::Error;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{WireFormat, Writer};

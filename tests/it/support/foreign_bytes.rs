@@ -1,5 +1,5 @@
 //! Every parser of foreign bytes behind one `fn(&[u8])`: the targets in `fuzz/` and
-//! `tests/foreign_bytes.rs` call the same. Whatever comes out, it comes out; a panic, a hang or
+//! `tests/it/foreign_bytes.rs` call the same. Whatever comes out, it comes out; a panic, a hang or
 //! unbounded memory is the finding.
 #![allow(dead_code, clippy::unwrap_used)]
 

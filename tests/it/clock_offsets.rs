@@ -1,11 +1,7 @@
 //! Offsets between clocks that were put in, and how they are found, or not told.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::path::Path;
 
-use support::render::{Dive, Sensor};
+use crate::support::render::{Dive, Sensor};
 use unwater::pipeline::clock_offsets::{ClockOffsets, Told, clock_offsets};
 use unwater::pipeline::{Options, prepare};
 use unwater::vehicle::RigFile;

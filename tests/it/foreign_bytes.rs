@@ -1,16 +1,12 @@
 //! The parsers of foreign bytes on seeds, and on seeds that were damaged: what `fuzz/` does for
 //! hours, for seconds and with a stable compiler. Seeds stand in `fuzz/seeds/<parser>`; what
 //! fuzzing found is kept there under a name that begins with `found`.
-#![allow(clippy::unwrap_used)]
-
-mod support;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use support::dice::{Dice, ensure_memory_is_bounded, factor};
-use support::foreign_bytes::{TARGETS, with_schema};
+use crate::support::dice::{Dice, factor, with_bounded_memory};
+use crate::support::foreign_bytes::{TARGETS, with_schema};
 use unwater::config::Config;
 use unwater::image::EncodedImage;
 use unwater::messages::{Decoder, Kind};
@@ -50,34 +46,35 @@ fn seeds(target: &str) -> Vec<PathBuf> {
 
 #[test]
 fn every_parser_takes_its_seeds_whole_and_damaged() {
-    for (target, parser) in TARGETS {
-        let mut dice = Dice(0x0dd_ba11);
-        let seeds = seeds(target);
-        assert!(
-            !seeds.is_empty(),
-            "{target} has no seeds: UNWATER_BLESS=1 cargo test --test foreign_bytes"
-        );
-        let rounds = (8000 * factor()).div_ceil(seeds.len());
-        for seed in seeds {
-            let bytes = std::fs::read(&seed).unwrap();
-            let began = Instant::now();
-            parser(&bytes);
-            for _ in 0..rounds {
-                let mut damaged = dice.damage(&bytes);
-                for _ in 0..dice.below(3) {
-                    damaged = dice.damage(&damaged);
-                }
-                parser(&damaged);
-            }
+    with_bounded_memory("foreign_bytes::every_parser_takes_its_seeds_whole_and_damaged", || {
+        for (target, parser) in TARGETS {
+            let mut dice = Dice(0x0dd_ba11);
+            let seeds = seeds(target);
             assert!(
-                began.elapsed() < HANG * (factor() as u32),
-                "{} took {:?}",
-                seed.display(),
-                began.elapsed()
+                !seeds.is_empty(),
+                "{target} has no seeds: UNWATER_BLESS=1 cargo test --test it foreign_bytes"
             );
+            let rounds = (8000 * factor()).div_ceil(seeds.len());
+            for seed in seeds {
+                let bytes = std::fs::read(&seed).unwrap();
+                let began = Instant::now();
+                parser(&bytes);
+                for _ in 0..rounds {
+                    let mut damaged = dice.damage(&bytes);
+                    for _ in 0..dice.below(3) {
+                        damaged = dice.damage(&damaged);
+                    }
+                    parser(&damaged);
+                }
+                assert!(
+                    began.elapsed() < HANG * (factor() as u32),
+                    "{} took {:?}",
+                    seed.display(),
+                    began.elapsed()
+                );
+            }
         }
-    }
-    ensure_memory_is_bounded();
+    });
 }
 
 #[test]

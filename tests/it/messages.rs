@@ -1,7 +1,5 @@
 //! Every message type, from logs that an independent writer made (`sample_logs/messages/make.py`),
 //! against what that writer says is in them (`expected.json`).
-#![allow(clippy::unwrap_used)]
-
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -272,7 +270,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
 fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
     let mut page = String::from(
         "# Messages that are read\n\nMade from `src/messages/table.rs` and `sample_logs/messages` \
-         by `UNWATER_BLESS=1 cargo test --test messages`; do not edit.\n\nA channel is known by \
+         by `UNWATER_BLESS=1 cargo test --test it messages`; do not edit.\n\nA channel is known by \
          the fields of its schema, the first row that fits; names are compared without case and \
          underscores. Encodings: [formats.md](formats.md#what-is-read).\nWhat the rig file can \
          say instead: [rig.md](rig.md#rigtoml).\n\n| shape | used for | what is read | sample \
@@ -295,7 +293,7 @@ fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
     }
     assert!(
         std::fs::read_to_string(&path).unwrap_or_default() == page,
-        "docs/messages.md is not up to date: UNWATER_BLESS=1 cargo test --test messages"
+        "docs/messages.md is not up to date: UNWATER_BLESS=1 cargo test --test it messages"
     );
 }
 

@@ -1,0 +1,19 @@
+//! Tests that need what is not in this repository: dives (`UNWATER_DATA`), the viewers' libraries
+//! (`tests/playback/setup.sh`), Python's MCAP readers, headless Chromium. What is missing is found
+//! out when the tests start, and the tests that need it are reported as ignored. Rust's own harness
+//! cannot do that, libtest-mimic can.
+#![allow(clippy::unwrap_used)]
+
+#[path = "../it/support/mod.rs"]
+mod support;
+
+mod dives;
+mod look;
+mod playback;
+
+fn main() {
+    let arguments = libtest_mimic::Arguments::from_args();
+    let trials =
+        [dives::trials(), look::trials(), playback::trials()].into_iter().flatten().collect();
+    libtest_mimic::run(&arguments, trials).exit();
+}

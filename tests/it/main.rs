@@ -1,0 +1,19 @@
+//! All tests that need nothing but this repository, in one binary: the renderer is compiled once.
+//! Tests that need dives, Python or a browser are in `tests/external`.
+#![allow(clippy::unwrap_used)]
+
+mod support;
+
+mod architecture;
+mod chunks;
+mod cli;
+mod clock_offsets;
+mod damage;
+mod docs;
+mod foreign_bytes;
+mod judge;
+mod messages;
+mod recordings;
+mod recovers_truth;
+mod rendering;
+mod several_cameras;
