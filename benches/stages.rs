@@ -14,7 +14,7 @@ use unwater::coordinates::{Direction, Transform};
 use unwater::correct::{Correction, Frame, MeanFrames};
 use unwater::estimate::samples;
 use unwater::geometry::{SeafloorPlane, Support, View};
-use unwater::image::decode::{Codes, Light, codes};
+use unwater::image::decode::{CameraResponse, PixelValues, read_pixels};
 use unwater::image::noise::Noise;
 use unwater::image::transfer::{Shoulder, SrgbTable};
 use unwater::image::{EncodedImage, LinearImage, SensorImage, encode};
@@ -53,7 +53,7 @@ fn jpeg() -> Vec<u8> {
     encode::jpeg(&rgb8(), SIZE.0, SIZE.1, 3, 92, true).unwrap()
 }
 
-fn raw(encoding: &str, data: &[u8], channels: usize) -> Codes<'static> {
+fn raw(encoding: &str, data: &[u8], channels: usize) -> PixelValues<'static> {
     // Lives as long as the program: a bench's input.
     let (data, encoding): (&'static [u8], &'static str) =
         (data.to_vec().leak(), String::from(encoding).leak());
@@ -65,7 +65,7 @@ fn raw(encoding: &str, data: &[u8], channels: usize) -> Codes<'static> {
         step: SIZE.0 * channels,
         data,
     };
-    codes(&picture, Light::default()).unwrap()
+    read_pixels(&picture, CameraResponse::default()).unwrap()
 }
 
 struct Scene {
@@ -110,7 +110,7 @@ impl Scene {
                 normal: Direction::from_vector(nalgebra::Vector3::new(0.02, 0.05, 1.0)).unwrap(),
                 distance_m: 2.2,
                 support: Support::LeastSquares,
-                hits: 4,
+                returns: 4,
                 residual_m: 0.0,
                 nearest_ping_s: 0.0,
             },
@@ -127,11 +127,11 @@ impl Scene {
     }
 
     fn view(&self) -> View<'_> {
-        View { camera: &self.rig.camera, rig: &self.rig, plane: &self.plane, relief: None }
+        View { camera: &self.rig.camera, rig: &self.rig, plane: &self.plane, terrain: None }
     }
 
     /// All that pass two does to a picture between its codecs.
-    fn correct(&self, codes: &Codes<'_>, table: &SrgbTable, out: &mut Vec<u8>) {
+    fn correct(&self, codes: &PixelValues<'_>, table: &SrgbTable, out: &mut Vec<u8>) {
         let correction = Correction {
             model: &self.model,
             roughness: self.model.beam_pattern.roughness(0.05),
@@ -143,7 +143,7 @@ impl Scene {
             electrons: Default::default(),
         };
         let view = self.view();
-        let noise = Noise::of(&codes.coding, Light::default(), Default::default());
+        let noise = Noise::of(&codes.coding, CameraResponse::default(), Default::default());
         let frame = Frame {
             codes,
             flat_field: None,
@@ -153,7 +153,7 @@ impl Scene {
             rectified: None,
         };
         out.clear();
-        correction.apply(&frame, |row| table.codes(row, out));
+        correction.apply(&frame, |row| table.encode_row(row, out));
     }
 }
 
@@ -163,7 +163,7 @@ fn jpeg_decode(bencher: Bencher) {
     let picture = EncodedImage::Compressed { format: "jpeg", data: &data };
     bencher
         .counter(pixels())
-        .bench(|| codes(black_box(&picture), Light::default()).map(|c| c.width));
+        .bench(|| read_pixels(black_box(&picture), CameraResponse::default()).map(|c| c.width));
 }
 
 #[divan::bench]
@@ -199,7 +199,7 @@ fn geometry(bencher: Bencher) {
 #[divan::bench]
 fn kernel_rgb8(bencher: Bencher) {
     let (scene, codes, table) =
-        (Scene::new(), raw("rgb8", &rgb8(), 3), SrgbTable::new(Shoulder { from: 0.75 }));
+        (Scene::new(), raw("rgb8", &rgb8(), 3), SrgbTable::new(Shoulder { knee: 0.75 }));
     let mut out = Vec::with_capacity(SIZE.0 * SIZE.1 * 3);
     bencher.counter(pixels()).bench_local(|| scene.correct(&codes, &table, &mut out));
 }
@@ -209,7 +209,7 @@ fn kernel_bayer16(bencher: Bencher) {
     let mosaic: Vec<u8> =
         rgb8().chunks_exact(3).flat_map(|p| (u16::from(p[1]) << 8).to_le_bytes()).collect();
     let (scene, codes, table) =
-        (Scene::new(), raw("bayer_rggb16", &mosaic, 2), SrgbTable::new(Shoulder { from: 0.75 }));
+        (Scene::new(), raw("bayer_rggb16", &mosaic, 2), SrgbTable::new(Shoulder { knee: 0.75 }));
     let mut out = Vec::with_capacity(SIZE.0 * SIZE.1 * 3);
     bencher.counter(pixels()).bench_local(|| scene.correct(&codes, &table, &mut out));
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 use unwater::config::Method;
 use unwater::estimate::{FrameSamples, Matchable, matches, samples};
 use unwater::geometry::View;
-use unwater::image::decode::{Light, decode};
+use unwater::image::decode::{CameraResponse, decode};
 use unwater::image::{LinearImage, SensorImage};
 use unwater::messages::Kind;
 use unwater::pipeline::scan::Scan;
@@ -80,7 +80,7 @@ fn decoded(recording: &Recording, scan: &Scan, topic: &str) -> Vec<(u64, SensorI
         let decoder = scan.decoders.get(&message.channel)?;
         let value = decoder.read(message.data()).ok()?;
         let Kind::Image(read) = decoder.message_type.kind else { return None };
-        Some((message.log_time, decode(&read(&value).ok()?, Light::default()).ok()?.image))
+        Some((message.log_time, decode(&read(&value).ok()?, CameraResponse::default()).ok()?.image))
     };
     recording.messages(Window::ALL).filter_map(of).collect()
 }
@@ -88,7 +88,7 @@ fn decoded(recording: &Recording, scan: &Scan, topic: &str) -> Vec<(u64, SensorI
 fn pictures(recording: &Recording, scan: &Scan, topic: &str) -> BTreeMap<u64, LinearImage> {
     decoded(recording, scan, topic)
         .into_iter()
-        .map(|(time, image)| (time, image.into_bands()))
+        .map(|(time, image)| (time, image.into_demosaiced()))
         .collect()
 }
 
@@ -99,9 +99,9 @@ fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &options.config.seafloor).ok()?;
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
-        let relief = survey.pings.relief(stamp, &plane, &survey.rig);
+        let terrain = survey.pings.terrain(stamp, &plane, &survey.rig);
         let view =
-            View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
+            View { camera: &camera, rig: &survey.rig, plane: &plane, terrain: terrain.as_ref() };
         Some((
             time,
             samples(

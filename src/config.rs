@@ -389,6 +389,6 @@ impl Default for OutputConfig {
 impl RenderConfig {
     /// Corrected light from which on all is shown alike.
     pub fn white(&self) -> f64 {
-        if self.depth == 16 { 1.0 } else { Shoulder { from: self.shoulder_from }.white() }
+        if self.depth == 16 { 1.0 } else { Shoulder { knee: self.shoulder_from }.white() }
     }
 }

@@ -11,13 +11,13 @@ use std::sync::mpsc::{Receiver, sync_channel};
 
 use rayon::prelude::*;
 
-/// Work on each item, on the cores of [`Threads::within`]; results in the order of the items.
-pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+/// Work on each item, on the cores of [`Threads::install`]; results in the order of the items.
+pub fn par_map<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
     items.into_par_iter().map(&work).collect()
 }
 
 /// Two things side by side, on the same cores.
-pub fn both<A: Send, B: Send>(
+pub fn join<A: Send, B: Send>(
     a: impl FnOnce() -> A + Send,
     b: impl FnOnce() -> B + Send,
 ) -> (A, B) {
@@ -43,9 +43,9 @@ impl Threads {
         self.0.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
     }
 
-    /// Runs what parts its own work by [`each`] and [`both`], as the joint solve does, on these
+    /// Runs what parts its own work by [`par_map`] and [`join`], as the joint solve does, on these
     /// cores and no others.
-    pub fn within<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
+    pub fn install<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
         match &self.0 {
             Some(pool) => pool.install(act),
             // Outside of a pool it would take all cores there are.
@@ -57,15 +57,15 @@ impl Threads {
     }
 
     /// A place for stages. What their work borrows must be older than the place.
-    pub fn lanes<'scope, R>(&self, act: impl FnOnce(&Lanes<'_, 'scope>) -> R) -> R {
+    pub fn scope<'scope, R>(&self, act: impl FnOnce(&PipelineScope<'_, 'scope>) -> R) -> R {
         match &self.0 {
-            Some(pool) => pool.in_place_scope(|scope| act(&Lanes(Some(scope)))),
-            None => act(&Lanes(None)),
+            Some(pool) => pool.in_place_scope(|scope| act(&PipelineScope(Some(scope)))),
+            None => act(&PipelineScope(None)),
         }
     }
 
     /// Does one thing beside another, where there is a core for it.
-    pub fn beside<A: Send, B>(
+    pub fn overlap<A: Send, B>(
         &self,
         aside: impl FnOnce() -> A + Send,
         act: impl FnOnce() -> B,
@@ -87,7 +87,7 @@ impl Threads {
 }
 
 /// Where stages put their work.
-pub struct Lanes<'l, 'scope>(Option<&'l rayon::Scope<'scope>>);
+pub struct PipelineScope<'l, 'scope>(Option<&'l rayon::Scope<'scope>>);
 
 /// What comes into a stage.
 pub enum Job<T, R> {
@@ -97,7 +97,7 @@ pub enum Job<T, R> {
     Done(R),
 }
 
-impl<'l, 'scope> Lanes<'l, 'scope> {
+impl<'l, 'scope> PipelineScope<'l, 'scope> {
     /// Results of `work`, in the order of the items. Items are under way together as long as they
     /// weigh less than `window`, one at least.
     pub fn in_order<T, R, W>(
@@ -185,8 +185,8 @@ pub fn ordered_map<T: Send, R: Send, E>(
     work: impl Fn(T) -> R + Sync,
     sink: impl FnMut(R) -> Result<(), E>,
 ) -> Result<(), E> {
-    threads.lanes(|lanes| {
-        lanes
+    threads.scope(|scope| {
+        scope
             .in_order(items.map(|item| (weigh(&item), Job::Work(item))), window, &work)
             .try_for_each(sink)
     })
@@ -271,11 +271,11 @@ mod tests {
     fn stages_stand_one_behind_the_other() {
         let (double, add) = (|i: u32| i * 2, |i: u32| i + 1);
         for threads in [Threads::new(1), Threads::new(4)] {
-            let out: Vec<u32> = threads.lanes(|lanes| {
-                let first = lanes.in_order((0..100).map(|i| (1, Job::Work(i))), 5, &double);
+            let out: Vec<u32> = threads.scope(|scope| {
+                let first = scope.in_order((0..100).map(|i| (1, Job::Work(i))), 5, &double);
                 let second =
                     first.map(|i| (1, if i % 4 == 0 { Job::Done(i) } else { Job::Work(i) }));
-                lanes.in_order(second, 3, &add).collect()
+                scope.in_order(second, 3, &add).collect()
             });
             assert_eq!(out, (0..100).map(|i| i * 2 + i % 2).collect::<Vec<_>>());
         }

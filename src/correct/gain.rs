@@ -17,7 +17,7 @@
 use super::nodes::{Nodes, Walk, between};
 use super::{Correction, FrameFacts, log_removed, log_removed_by_way, mask, removes_beam};
 use crate::geometry::{LightPath, StrobeAngles, View};
-use crate::image::demosaic::Phase;
+use crate::image::demosaic::BayerPattern;
 use crate::image::noise::Noise;
 use crate::model::BeamPattern;
 
@@ -141,7 +141,7 @@ impl<'g> GainGrid<'g> {
         let every = ((SMOOTH_RAD * view.camera.fx * nearer / step as f64) as usize).max(1);
         // Several lamps have angles each, and relief has edges of its own: there every node is
         // exact.
-        if every > 1 && view.relief.is_none() && view.rig.strobe.lamps.lamps().len() == 1 {
+        if every > 1 && view.terrain.is_none() && view.rig.strobe.lamps.lamps().len() == 1 {
             grid.fill_between(every, &mut sums);
         } else {
             (0..nodes).for_each(|i| grid.fill_exactly(i, true, &mut sums));
@@ -338,7 +338,7 @@ impl<'g> GainGrid<'g> {
     }
 
     /// To walk down the rows of a picture with, which got `frame_gain` times its neighbours' light.
-    pub fn rows(&'g self, mosaic: Option<Phase>, frame_gain: f64) -> GainRows<'g> {
+    pub fn rows(&'g self, mosaic: Option<BayerPattern>, frame_gain: f64) -> GainRows<'g> {
         let stored = if mosaic.is_some() { 1 } else { self.bands };
         let walk = |nodes| Walk::new(nodes, self.width, mosaic);
         GainRows {
@@ -355,14 +355,14 @@ impl<'g> GainGrid<'g> {
 }
 
 /// Which band the value of a pixel is: of a mosaic, its own.
-fn band(mosaic: Option<Phase>, x: usize, y: usize, stored: usize) -> usize {
+fn band(mosaic: Option<BayerPattern>, x: usize, y: usize, stored: usize) -> usize {
     mosaic.map_or(stored, |phase| phase.band(x, y))
 }
 
 /// Gains of one row of pixels after another; of a mosaic, each pixel's is that of its own band.
 pub struct GainRows<'g> {
     grid: &'g GainGrid<'g>,
-    mosaic: Option<Phase>,
+    mosaic: Option<BayerPattern>,
     /// the row gone to
     y: usize,
     /// values per pixel as it is stored
@@ -452,7 +452,7 @@ impl GainRows<'_> {
                 let is_within =
                     |std: f64| light < grid.correction.config.least_signal_to_noise * std;
                 // Most light is far above any noise.
-                is_within(noise.std_at_most(measured)) && is_within(noise.std(measured))
+                is_within(noise.max_std(measured)) && is_within(noise.std(measured))
             };
             let bits = grid.bits[(y / step).min(rows - 1) * columns + (x / step).min(columns - 1)];
             low += usize::from(bits & mask::OFF_SURFACE == 0 && (0..stored).any(is_low));
@@ -517,7 +517,7 @@ mod tests {
                     .expect("a normal"),
                 distance_m: 2.0,
                 support: Support::LeastSquares,
-                hits: 4,
+                returns: 4,
                 residual_m: 0.0,
                 nearest_ping_s: 0.0,
             };
@@ -533,7 +533,7 @@ mod tests {
                     source: None,
                 },
             };
-            let view = View { camera: &camera, rig: &rig, plane: &plane, relief: None };
+            let view = View { camera: &camera, rig: &rig, plane: &plane, terrain: None };
             let mut image = LinearImage::new(width, height, 3);
             // A frame that got more light than its neighbours comes out as they do.
             let frame_gain = 1.25;

@@ -18,7 +18,7 @@ pub const OUTSIDE: u8 = 16;
 const MOSAIC_REACH: usize = 2;
 
 /// Marks what is clipped in the input, row by row.
-pub struct Clipped {
+pub struct ClippingMask {
     /// by pixel
     pub bits: Vec<u8>,
     width: usize,
@@ -26,7 +26,7 @@ pub struct Clipped {
     reach: usize,
 }
 
-impl Clipped {
+impl ClippingMask {
     /// Nothing marked yet.
     pub fn new(width: usize, height: usize, is_mosaic: bool) -> Self {
         Self {
@@ -55,7 +55,7 @@ impl Clipped {
 }
 
 /// The mask of a rectified picture: all bits of the pixels that one is made from.
-pub fn undistorted(mask: &[u8], from: &Camera, to: &Camera) -> Vec<u8> {
+pub fn rectify(mask: &[u8], from: &Camera, to: &Camera) -> Vec<u8> {
     let (width, height) = (from.width, from.height);
     let of = |i: usize| {
         let (px, py) = to.image_plane((i % to.width) as f64, (i / to.width) as f64)?;
@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn a_clipped_pixel_of_a_mosaic_marks_those_that_take_colour_from_it() {
         let count = |is_mosaic| {
-            let mut clipped = Clipped::new(9, 7, is_mosaic);
+            let mut clipped = ClippingMask::new(9, 7, is_mosaic);
             for y in 0..7 {
                 let light: Vec<f32> =
                     (0..9).map(|x| if (x, y) == (4, 3) { 1.0 } else { 0.0 }).collect();
@@ -97,9 +97,9 @@ mod tests {
         let from = Camera::from_field_of_view(40, 30, 60.0);
         let mut mask = vec![0; 40 * 30];
         mask[15 * 40 + 20] = CAPPED;
-        let same = undistorted(&mask, &from, &from);
+        let same = rectify(&mask, &from, &from);
         assert_eq!(same[15 * 40 + 20] & CAPPED, CAPPED);
         let wide = Camera { fx: from.fx / 2.0, fy: from.fy / 2.0, ..from };
-        assert!(undistorted(&mask, &from, &wide).iter().filter(|b| **b == OUTSIDE).count() > 800);
+        assert!(rectify(&mask, &from, &wide).iter().filter(|b| **b == OUTSIDE).count() > 800);
     }
 }

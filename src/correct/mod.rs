@@ -18,15 +18,15 @@ mod nodes;
 mod rendering;
 
 pub use baselines::{MeanFrames, apply as apply_baseline};
-pub use rendering::rendering;
+pub use rendering::estimate_rendering;
 
 use crate::config::{Method, RenderConfig};
 use crate::geometry::{LightPath, View};
-use crate::image::decode::Codes;
+use crate::image::decode::PixelValues;
 use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
-use crate::image::{Bands, LinearImage, largest};
+use crate::image::{Bands, LinearImage, max_value};
 use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain::GainGrid;
@@ -83,7 +83,7 @@ pub struct FrameFacts {
 #[derive(Clone, Copy)]
 pub struct Frame<'f> {
     /// the picture
-    pub codes: &'f Codes<'f>,
+    pub codes: &'f PixelValues<'f>,
     /// what lens and sensor took of its light
     pub flat_field: Option<&'f FlatField>,
     /// its geometry
@@ -108,7 +108,7 @@ pub struct Corrected {
 /// Pixels of a row with a band that reaches a level.
 fn reaching(row: &[f32], bands: usize, level: f32) -> usize {
     // Most rows have none, and that is told many at a time.
-    if largest(row) >= level {
+    if max_value(row) >= level {
         row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count()
     } else {
         0
@@ -130,8 +130,10 @@ impl Correction<'_> {
         let white = self.config.white() as f32;
         let grid = GainGrid::new(self, view, width, height, bands);
         let mut gains = grid.rows(codes.mosaic, frame_gain);
-        let mut mask =
-            self.config.mask.then(|| mask::Clipped::new(width, height, codes.mosaic.is_some()));
+        let mut mask = self
+            .config
+            .mask
+            .then(|| mask::ClippingMask::new(width, height, codes.mosaic.is_some()));
         let mut demosaic = codes.mosaic.map(|phase| Demosaic::new(width, height, phase));
         let wants_whole = is_baseline || frame.rectified.is_some();
         let mut whole = LinearImage {
@@ -180,7 +182,7 @@ impl Correction<'_> {
             baselines::apply(self.config.method, &mut whole, self.means, view.camera_altitude_m());
             if let Some(camera) = frame.rectified {
                 whole = undistorted(&whole, view.camera, camera);
-                mask = mask.map(|mask| mask::undistorted(&mask, view.camera, camera));
+                mask = mask.map(|mask| mask::rectify(&mask, view.camera, camera));
             }
             for row in whole.pixels.chunks_exact_mut(whole.width * bands) {
                 clipped_output += reaching(row, bands, white);
@@ -210,7 +212,7 @@ impl Correction<'_> {
 /// Log of what a method divides out of each band for one way of light (Fig. 10), and whether the
 /// log has shown all of that way's directions in the beam.
 fn log_removed(method: Method, model: &ImagingModel, path: &LightPath) -> (Bands, bool) {
-    if path.legs().is_empty() {
+    if path.lamp_paths().is_empty() {
         let (log_gain, is_seen) = model.beam_pattern.read(path.angles);
         let beam = if removes_beam(method) { log_gain } else { 0.0 };
         return (log_removed_by_way(method, model, path).map(|way| beam + way), is_seen);

@@ -3,7 +3,7 @@
 //! A row of nodes is spread over its pixels once, and the rows of pixels down to the next one are
 //! mixtures of two such rows: a multiplication and an addition per value, in loops that vectorise.
 
-use crate::image::demosaic::Phase;
+use crate::image::demosaic::BayerPattern;
 
 /// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the
 /// picture's edge or beyond it.
@@ -62,7 +62,7 @@ pub fn between(a: f32, b: f32, share: f32) -> f32 {
 pub struct Walk<'n> {
     nodes: &'n Nodes,
     width: usize,
-    mosaic: Option<Phase>,
+    mosaic: Option<BayerPattern>,
     /// the row of nodes that `above` was spread from
     top: Option<usize>,
     /// by parity of the pixels' row: it decides the bands of a mosaic
@@ -72,7 +72,7 @@ pub struct Walk<'n> {
 
 impl<'n> Walk<'n> {
     /// Over a picture this wide; a mosaic's pixels take the value of their own band.
-    pub fn new(nodes: &'n Nodes, width: usize, mosaic: Option<Phase>) -> Self {
+    pub fn new(nodes: &'n Nodes, width: usize, mosaic: Option<BayerPattern>) -> Self {
         let bands = if mosaic.is_some() { 1 } else { nodes.bands };
         let rows = || {
             std::array::from_fn(|parity| {
@@ -164,7 +164,7 @@ mod tests {
                     .for_each(|(b, v)| *v = truth(5 * column, 5 * row, b));
             }
         }
-        for mosaic in [None, Some(Phase::Gbrg)] {
+        for mosaic in [None, Some(BayerPattern::Gbrg)] {
             let stored = if mosaic.is_some() { 1 } else { 3 };
             let mut walk = Walk::new(&nodes, width, mosaic);
             let mut row = vec![0.0; width * stored];

@@ -14,7 +14,7 @@ use crate::model::{ImagingModel, RenderingFile};
 const FAR_FACTOR: f64 = 3.0;
 
 /// Chooses exposure and white balance from samples (log colour and way of light).
-pub fn rendering(
+pub fn estimate_rendering(
     samples: &[([f32; 3], LightPath)],
     model: &ImagingModel,
     white_level: Option<u16>,

@@ -45,7 +45,7 @@ use crate::image::Bands;
 use crate::model::{
     Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
 };
-use crate::parallel::{both, each};
+use crate::parallel::{join, par_map};
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
 use drift::DriftFit;
@@ -315,7 +315,7 @@ pub fn understand(
         };
         estimate(&Samples { drift: drift.as_ref(), ..all }, config)
     };
-    let (mounts, estimate) = both(|| check_mounts(&all, instrument, config), estimated);
+    let (mounts, estimate) = join(|| check_mounts(&all, instrument, config), estimated);
     let estimate = estimate?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
         search.std_m = search.std_m.map(|std| std * estimate.widened);
@@ -355,7 +355,8 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     let mut answers = BTreeMap::new();
     let estimators: [(&str, EstimatorOf); 3] =
         [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
-    let said: Vec<_> = each(estimators.to_vec(), |(name, run)| (name, run(samples, nodes, config)));
+    let said: Vec<_> =
+        par_map(estimators.to_vec(), |(name, run)| (name, run(samples, nodes, config)));
     for (name, said) in said {
         match said {
             Ok(mut candidate) => {

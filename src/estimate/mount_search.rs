@@ -17,7 +17,7 @@ use super::samples::{FrameSamples, PLANES_AROUND_S, Sample};
 use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
 use crate::coordinates::{Direction, Point};
-use crate::geometry::LightPath;
+use crate::geometry::{LightPath, MIN_COS_INCIDENCE};
 use crate::model::BeamGrid;
 use crate::vehicle::Lamps;
 
@@ -109,7 +109,7 @@ impl Shift<'_> {
         let ray = (o.sample.hit.vector() - camera) / o.sample.seafloor_to_camera_m;
         let far = |normal: &Vector3<f64>, distance: f64| {
             let (towards, along) = (normal.dot(&ray), distance - normal.dot(&camera));
-            (towards > 0.05 && along > 0.0).then(|| along / towards)
+            (towards > MIN_COS_INCIDENCE && along > 0.0).then(|| along / towards)
         };
         // What stands over the plane as given stands over the other.
         let seafloor_to_camera_m = o.sample.seafloor_to_camera_m + far(&normal, distance)?

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use crate::config::{EstimateConfig, MatchingConfig};
 use crate::coordinates::{Body, Direction, Point};
-use crate::geometry::{LightPath, Sighted, Support, View, light_path};
+use crate::geometry::{LightPath, SeafloorPoint, Support, View, light_path};
 use crate::image::SensorImage;
 use crate::units::Stamp;
 use crate::vehicle::Lamps;
@@ -122,8 +122,9 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// seafloor, seen as an ellipse, both the shape and the area. Slant range alone would not do: a
 /// pixel off the axis sees a smaller angle, and a floor that it meets at a slant is drawn out.
 fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Option<[f64; 2]> {
-    let along =
-        |du: f64, dv: f64| Some(view.seafloor_point(u + du, v + dv)?.hit.vector() - hit.vector());
+    let along = |du: f64, dv: f64| {
+        Some(view.seafloor_point(u + du, v + dv)?.position.vector() - hit.vector())
+    };
     let (across, down) = (along(1.0, 0.0)?, along(0.0, 1.0)?);
     let area = across.cross(&down).norm();
     let aspect = across.norm() / down.norm();
@@ -142,7 +143,7 @@ fn first_rung(pixel_m: f64, matching: &MatchingConfig) -> i32 {
 pub fn coarsest_m(view: &View<'_>) -> f64 {
     let (right, bottom) = (view.camera.width as f64 - 1.0, view.camera.height as f64 - 1.0);
     let corner = |(u, v): (f64, f64)| {
-        let [across, down] = pixel_on_seafloor_m(view, u, v, &view.seafloor_point(u, v)?.hit)?;
+        let [across, down] = pixel_on_seafloor_m(view, u, v, &view.seafloor_point(u, v)?.position)?;
         Some((across * down).sqrt() * view.camera.fx)
     };
     [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)]
@@ -183,7 +184,8 @@ pub fn samples(
     let last_rung = first_rung(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_RUNGS);
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
-        let Some(Sighted { hit, seafloor_to_camera_m, normal }) = view.seafloor_point_of(x, y)
+        let Some(SeafloorPoint { position: hit, seafloor_to_camera_m, normal }) =
+            view.seafloor_point_of_ray(x, y)
         else {
             continue;
         };
@@ -377,7 +379,7 @@ fn grid(
                 continue;
             }
             let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;
-            if let Some(Sighted { hit, seafloor_to_camera_m, normal }) =
+            if let Some(SeafloorPoint { position: hit, seafloor_to_camera_m, normal }) =
                 view.seafloor_point(centre(column), centre(row))
             {
                 samples.push((
@@ -415,17 +417,17 @@ mod tests {
             normal,
             distance_m: 2.0 * cos,
             support: Support::LeastSquares,
-            hits: 4,
+            returns: 4,
             residual_m: 0.0,
             nearest_ping_s: 0.0,
         };
-        ask(&View { camera: &camera, rig: &rig, plane: &plane, relief: None })
+        ask(&View { camera: &camera, rig: &rig, plane: &plane, terrain: None })
     }
 
     /// Metres to a pixel at a place, times the focal length.
     fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
         over(tipped_deg, |view| {
-            let hit = view.seafloor_point(u, v).expect("a place").hit;
+            let hit = view.seafloor_point(u, v).expect("a place").position;
             pixel_on_seafloor_m(view, u, v, &hit)
                 .map(|m| m.map(|m| m * view.camera.fx))
                 .expect("its size")

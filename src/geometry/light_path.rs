@@ -14,7 +14,11 @@
 use crate::coordinates::{Body, Direction, Point};
 use crate::vehicle::{Camera, Lamps, MAX_LAMPS, Rig};
 
-use super::{Relief, SeafloorPlane};
+use super::{SeafloorPlane, Terrain};
+
+/// Cosine of the angle between a ray and the seafloor normal below which the ray is grazing: the
+/// seafloor where it meets the plane is unknown.
+pub const MIN_COS_INCIDENCE: f64 = 0.05;
 
 /// Direction of a seafloor point as the strobe sees it [rad].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +30,7 @@ pub struct StrobeAngles {
 }
 
 /// The paper's ℓ_a, ℓ_s, (θ, φ) and cos γ. Of several lamps: those of one that would light a white
-/// floor as much, with the angles of the first; each lamp's own are its [`legs`](Self::legs).
+/// floor as much, with the angles of the first; each lamp's own are its [`lamp_paths`](Self::lamp_paths).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightPath {
     /// ℓ_a [m]
@@ -37,13 +41,13 @@ pub struct LightPath {
     pub angles: StrobeAngles,
     /// cosine of the angle between the light and the seafloor's normal
     pub cos_incidence: f64,
-    legs: [Leg; MAX_LAMPS],
+    legs: [LampPath; MAX_LAMPS],
     count: usize,
 }
 
 /// The way from one of several lamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Leg {
+pub struct LampPath {
     /// ℓ_a [m]
     pub length_m: f64,
     /// where in its beam
@@ -54,7 +58,7 @@ pub struct Leg {
     pub share: f64,
 }
 
-impl Leg {
+impl LampPath {
     const NONE: Self = Self {
         length_m: 0.0,
         angles: StrobeAngles { theta_rad: 0.0, phi_rad: 0.0 },
@@ -70,19 +74,19 @@ impl LightPath {
     }
 
     /// The ways from several lamps; empty where there is one.
-    pub fn legs(&self) -> &[Leg] {
+    pub fn lamp_paths(&self) -> &[LampPath] {
         &self.legs[..self.count]
     }
 
     /// The way by one of the legs alone.
-    pub fn by(&self, leg: &Leg) -> Self {
-        let Leg { length_m, angles, cos_incidence, .. } = *leg;
+    pub fn via(&self, leg: &LampPath) -> Self {
+        let LampPath { length_m, angles, cos_incidence, .. } = *leg;
         Self { strobe_to_seafloor_m: length_m, angles, cos_incidence, count: 0, ..*self }
     }
 
     /// Directions in the lamps' beams.
     pub fn all_angles(&self) -> impl Iterator<Item = StrobeAngles> + '_ {
-        self.legs().iter().map(|l| l.angles).chain((self.count == 0).then_some(self.angles))
+        self.lamp_paths().iter().map(|l| l.angles).chain((self.count == 0).then_some(self.angles))
     }
 }
 
@@ -97,7 +101,7 @@ pub fn light_path(
     normal: Direction<Body>,
     lamps: Lamps,
 ) -> Option<LightPath> {
-    let mut legs = [Leg::NONE; MAX_LAMPS];
+    let mut legs = [LampPath::NONE; MAX_LAMPS];
     let mut count = 0;
     for (pose, share) in lamps.poses() {
         let from_lamp = hit.vector() - pose.translation.vector;
@@ -106,13 +110,13 @@ pub fn light_path(
         let s = pose.rotation.inverse() * from_lamp;
         if length_m > 1e-6 && cos_incidence > 0.0 {
             let angles = StrobeAngles { theta_rad: s.y.atan2(s.z), phi_rad: s.x.atan2(s.z) };
-            legs[count] = Leg { length_m, angles, cos_incidence, share };
+            legs[count] = LampPath { length_m, angles, cos_incidence, share };
             count += 1;
         }
     }
     // The one lamp that would send as much light to a white floor, from as far: Σ w, w = share cos
     // γ / ℓ².
-    let weight = |l: &Leg| l.share * l.cos_incidence / (l.length_m * l.length_m);
+    let weight = |l: &LampPath| l.share * l.cos_incidence / (l.length_m * l.length_m);
     let light: f64 = legs[..count].iter().map(weight).sum();
     let far = legs[..count].iter().map(|l| weight(l) * l.length_m).sum::<f64>() / light;
     let several = lamps.lamps().len() > 1;
@@ -136,14 +140,14 @@ pub struct View<'r> {
     /// the seafloor below this frame
     pub plane: &'r SeafloorPlane,
     /// heights over it, where it is not flat
-    pub relief: Option<&'r Relief>,
+    pub terrain: Option<&'r Terrain>,
 }
 
 /// A place of the seafloor that a pixel sees.
 #[derive(Clone, Copy, Debug)]
-pub struct Sighted {
+pub struct SeafloorPoint {
     /// where
-    pub hit: Point<Body>,
+    pub position: Point<Body>,
     /// ℓ_s [m]
     pub seafloor_to_camera_m: f64,
     /// into the floor there
@@ -152,30 +156,33 @@ pub struct Sighted {
 
 impl View<'_> {
     /// Where the ray of a pixel meets the seafloor; `None` where it never does.
-    pub fn seafloor_point(&self, u: f64, v: f64) -> Option<Sighted> {
+    pub fn seafloor_point(&self, u: f64, v: f64) -> Option<SeafloorPoint> {
         let (x, y) = self.camera.image_plane(u, v)?;
-        self.seafloor_point_of(x, y)
+        self.seafloor_point_of_ray(x, y)
     }
 
     /// The same for image-plane coordinates x/z, y/z.
-    pub fn seafloor_point_of(&self, x: f64, y: f64) -> Option<Sighted> {
+    pub fn seafloor_point_of_ray(&self, x: f64, y: f64) -> Option<SeafloorPoint> {
         let ray = Direction::from_vector(nalgebra::Vector3::new(x, y, 1.0))?;
         let ray = (self.rig.body_from_optical * ray).vector();
         let camera = self.rig.body_from_optical.origin().vector();
         let (normal, distance) = (self.plane.normal.vector(), self.plane.distance_m);
         let towards = normal.dot(&ray);
         let seafloor_to_camera_m = (distance - normal.dot(&camera)) / towards;
-        // A grazing ray meets the plane so far off that nothing is known of the floor there.
-        if towards <= 0.05 || seafloor_to_camera_m <= 0.0 {
+        if towards <= MIN_COS_INCIDENCE || seafloor_to_camera_m <= 0.0 {
             return None;
         }
-        match self.relief {
+        match self.terrain {
             Some(relief) => {
                 let (hit, seafloor_to_camera_m, normal) = relief.meet(self.plane, &camera, &ray)?;
-                Some(Sighted { hit, seafloor_to_camera_m, normal: Direction::from_vector(normal)? })
+                Some(SeafloorPoint {
+                    position: hit,
+                    seafloor_to_camera_m,
+                    normal: Direction::from_vector(normal)?,
+                })
             }
-            None => Some(Sighted {
-                hit: Point::from_vector(camera + ray * seafloor_to_camera_m),
+            None => Some(SeafloorPoint {
+                position: Point::from_vector(camera + ray * seafloor_to_camera_m),
                 seafloor_to_camera_m,
                 normal: self.plane.normal,
             }),
@@ -184,13 +191,13 @@ impl View<'_> {
 
     /// The way of light through a pixel.
     pub fn light_path(&self, u: f64, v: f64) -> Option<LightPath> {
-        let Sighted { hit, seafloor_to_camera_m, normal } = self.seafloor_point(u, v)?;
+        let SeafloorPoint { position: hit, seafloor_to_camera_m, normal } =
+            self.seafloor_point(u, v)?;
         light_path(hit, seafloor_to_camera_m, normal, self.rig.strobe.lamps)
     }
 
     /// Height of the camera over the plane [m].
     pub fn camera_altitude_m(&self) -> f64 {
-        self.plane.distance_m
-            - self.plane.normal.vector().dot(&self.rig.body_from_optical.origin().vector())
+        self.plane.camera_altitude_m(self.rig)
     }
 }

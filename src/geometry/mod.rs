@@ -2,10 +2,12 @@
 //! §IV-A, Fig. 5).
 
 mod light_path;
-mod ping_log;
-mod relief;
+mod ping_store;
 mod seafloor;
+mod terrain;
 
-pub use light_path::{Leg, LightPath, Sighted, StrobeAngles, View, light_path};
-pub use relief::Relief;
-pub use seafloor::{NoSeafloor, Pings, SeafloorPlane, Support};
+pub use light_path::{
+    LampPath, LightPath, MIN_COS_INCIDENCE, SeafloorPoint, StrobeAngles, View, light_path,
+};
+pub use seafloor::{NoSeafloor, SeafloorEstimator, SeafloorPlane, Support};
+pub use terrain::Terrain;

@@ -16,8 +16,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Vector3};
 
-use super::ping_log::PingLog;
-use super::relief::{Relief, Way, foretold, heights, is_worth_it};
+use super::ping_store::PingStore;
+use super::terrain::{Terrain, Way, foretold, heights, is_worth_it};
 use crate::config::{SeafloorConfig, Switch};
 use crate::coordinates::{Body, Direction, Point};
 use crate::units::Stamp;
@@ -65,11 +65,18 @@ pub struct SeafloorPlane {
     /// what holds it
     pub support: Support,
     /// hits used
-    pub hits: usize,
+    pub returns: usize,
     /// root mean square of the hits' heights over the plane [m]; NaN where nothing was left over
     pub residual_m: f64,
     /// the nearest ping's distance in time [s]
     pub nearest_ping_s: f64,
+}
+
+impl SeafloorPlane {
+    /// Distance of the camera from the plane, along the normal [m].
+    pub fn camera_altitude_m(&self, rig: &Rig) -> f64 {
+        self.distance_m - self.normal.vector().dot(&rig.body_from_optical.origin().vector())
+    }
 }
 
 /// Why there is no plane.
@@ -83,7 +90,7 @@ pub enum NoSeafloor {
     /// pings, but no return
     NoReturn,
     /// the plane passes through the vehicle or stands upright
-    Impossible,
+    Implausible,
 }
 
 /// A hit on the seafloor in body space at the frame's time, and when it was made.
@@ -94,8 +101,8 @@ struct Hit {
 
 /// All pings of a log, in time order, with all that is needed to find planes.
 #[derive(Clone, Debug, Default)]
-pub struct Pings {
-    pings: PingLog,
+pub struct SeafloorEstimator {
+    pings: PingStore,
     attitude: AttitudeTrack,
     /// the instrument's way over the ground
     way: Way,
@@ -103,10 +110,10 @@ pub struct Pings {
     uses_relief: bool,
 }
 
-impl Pings {
+impl SeafloorEstimator {
     /// Sorts the pings.
     pub fn new(pings: Vec<Ping>, attitude: AttitudeTrack) -> Self {
-        Self { pings: PingLog::new(pings), attitude, way: Way::default(), uses_relief: false }
+        Self { pings: PingStore::new(pings), attitude, way: Way::default(), uses_relief: false }
     }
 
     /// The attitude between them.
@@ -126,7 +133,7 @@ impl Pings {
 
     /// Finds the instrument's way, and decides whether the ground's relief is used: how well it
     /// foretells hits at some of `stamps`, over the plane.
-    pub fn find_way(
+    pub fn estimate_trajectory(
         &mut self,
         stamps: &[Stamp],
         rig: &Rig,
@@ -139,8 +146,7 @@ impl Pings {
         let some = stamps.iter().step_by(stamps.len().div_ceil(RELIEF_FRAMES).max(1));
         let foretold = foretold(some.filter_map(|stamp| {
             let plane = self.seafloor(*stamp, rig, config).ok()?;
-            let altitude_m = plane.distance_m
-                - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+            let altitude_m = plane.camera_altitude_m(rig);
             Some((heights(&self.pings, &self.way, &self.attitude, *stamp, &plane, rig), altitude_m))
         }));
         self.uses_relief = config.relief == Switch::On || foretold.is_some_and(is_worth_it);
@@ -161,11 +167,11 @@ impl Pings {
     }
 
     /// Heights over a frame's plane, where the relief is used and seen there.
-    pub fn relief(&self, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Option<Relief> {
+    pub fn terrain(&self, stamp: Stamp, plane: &SeafloorPlane, rig: &Rig) -> Option<Terrain> {
         if !self.uses_relief {
             return None;
         }
-        Relief::new(heights(&self.pings, &self.way, &self.attitude, stamp, plane, rig), plane, rig)
+        Terrain::new(heights(&self.pings, &self.way, &self.attitude, stamp, plane, rig), plane, rig)
     }
 
     /// The plane below the vehicle at `stamp`.
@@ -205,20 +211,20 @@ impl Pings {
             None => self.level(&near, &hits, stamp, rig, axis),
         };
         let plane = plane.ok_or(NoSeafloor::NoReturn)?;
-        let camera_altitude =
-            plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+        let camera_altitude = plane.camera_altitude_m(rig);
         let possible = camera_altitude > config.least_altitude_m
             && axis.is_none_or(|a| a.dot(&plane.normal.vector()) > 0.3);
         if possible {
             Ok(SeafloorPlane { nearest_ping_s: nearest_answer_s, ..plane })
         } else {
-            Err(NoSeafloor::Impossible)
+            Err(NoSeafloor::Implausible)
         }
     }
 
     /// Hits of the pings in body space at `stamp`; whether all could be turned by the attitude.
     fn hits(&self, near: &[&Ping], stamp: Stamp, rig: &Rig) -> (Vec<Hit>, bool) {
-        let turns: Vec<_> = near.iter().map(|p| self.attitude.turn(stamp, p.stamp)).collect();
+        let turns: Vec<_> =
+            near.iter().map(|p| self.attitude.rotation_between(stamp, p.stamp)).collect();
         let turned = turns.iter().all(Option::is_some);
         let mut hits = Vec::new();
         for (ping, turn) in near.iter().zip(turns) {
@@ -267,7 +273,7 @@ impl Pings {
             normal: Direction::from_vector(normal)?,
             distance_m,
             support: Support::AssumedLevel,
-            hits: distances.len(),
+            returns: distances.len(),
             residual_m,
             nearest_ping_s: 0.0,
         })
@@ -455,7 +461,7 @@ fn fit(hits: &[Hit], axis: Vector3<f64>, turned: bool) -> Option<SeafloorPlane> 
         normal: Direction::from_vector(normal)?,
         distance_m: (offset + normal.dot(&centre)) / length,
         support: if local.len() == 3 { Support::Exact } else { Support::LeastSquares },
-        hits: fitted.used,
+        returns: fitted.used,
         residual_m: fitted.residual_m,
         nearest_ping_s: 0.0,
     })
@@ -490,7 +496,7 @@ mod tests {
         let truth = Vector3::new(5f64.to_radians().tan(), 0.0, 1.0).normalize();
         let tilt_deg = |hits: &[Hit]| {
             let plane = fit(hits, Vector3::z(), true).expect("a plane");
-            (plane.normal.vector().dot(&truth).min(1.0).acos().to_degrees(), plane.hits)
+            (plane.normal.vector().dot(&truth).min(1.0).acos().to_degrees(), plane.returns)
         };
         for wrong in [&[][..], &[(1, 2)], &[(0, 0)], &[(2, 1), (2, 2)], &[(1, 0), (3, 0)]] {
             let (off_deg, used) = tilt_deg(&four_beams(5, wrong));

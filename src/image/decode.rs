@@ -8,19 +8,19 @@ use std::io::Cursor;
 
 use image::ImageDecoder;
 
-use super::demosaic::Phase;
+use super::demosaic::BayerPattern;
 use super::packed::Packing;
-use super::response::Response;
+use super::response::ResponseTable;
 use super::transfer::Transfer;
 use super::{Container, EncodedImage, LinearImage, SensorImage, yuv};
 
 /// How codes are to be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Light<'r> {
+pub struct CameraResponse<'r> {
     /// the camera's response
     pub transfer: Transfer,
     /// the response as a table, instead
-    pub response: Option<&'r Response>,
+    pub response: Option<&'r ResponseTable>,
     /// code of full scale in 16-bit pictures; 65535 where `None`
     pub white_level: Option<u16>,
 }
@@ -55,7 +55,7 @@ pub fn white_level(bits_used: u16) -> u16 {
 
 /// A decoded picture and how it was coded.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Decoded {
+pub struct DecodedImage {
     /// light
     pub image: SensorImage,
     /// how it was coded
@@ -72,7 +72,7 @@ struct Samples {
     bytes: usize,
     /// blue first
     swapped: bool,
-    bayer: Option<Phase>,
+    bayer: Option<BayerPattern>,
 }
 
 fn samples(encoding: &str) -> Option<Samples> {
@@ -83,10 +83,10 @@ fn samples(encoding: &str) -> Option<Samples> {
     let bayer_word = word.strip_prefix("bayer").map(|w| w.trim_start_matches('_').to_string());
     if let Some(rest) = bayer_word {
         let phase = match rest.trim_end_matches(|c: char| c.is_ascii_digit() || c == 'p') {
-            "rggb" | "rg" => Phase::Rggb,
-            "bggr" | "bg" => Phase::Bggr,
-            "gbrg" | "gb" => Phase::Gbrg,
-            "grbg" | "gr" => Phase::Grbg,
+            "rggb" | "rg" => BayerPattern::Rggb,
+            "bggr" | "bg" => BayerPattern::Bggr,
+            "gbrg" | "gb" => BayerPattern::Gbrg,
+            "grbg" | "gr" => BayerPattern::Grbg,
             _ => return None,
         };
         return match rest.trim_start_matches(|c: char| c.is_ascii_alphabetic()) {
@@ -113,22 +113,25 @@ fn samples(encoding: &str) -> Option<Samples> {
 /// Decodes a picture into linear light.
 ///
 /// # Errors
-/// See [`codes`].
-pub fn decode(encoded: &EncodedImage<'_>, light: Light<'_>) -> Result<Decoded, String> {
-    decode_in(encoded, light, &mut Room::default())
+/// See [`read_pixels`].
+pub fn decode(
+    encoded: &EncodedImage<'_>,
+    light: CameraResponse<'_>,
+) -> Result<DecodedImage, String> {
+    decode_with(encoded, light, &mut Buffers::default())
 }
 
 /// The memory of a picture before, for the next one: fresh memory for every frame costs as much as
 /// a tenth of decoding.
 #[derive(Default)]
-pub struct Room {
+pub struct Buffers {
     codes: Vec<u8>,
     light: Vec<f32>,
 }
 
-impl Room {
+impl Buffers {
     /// Takes back a picture that is no longer needed.
-    pub fn take_back(&mut self, image: SensorImage) {
+    pub fn recycle(&mut self, image: SensorImage) {
         self.light = image.light.pixels;
     }
 }
@@ -136,28 +139,28 @@ impl Room {
 /// As [`decode`], with the memory of a picture before.
 ///
 /// # Errors
-/// See [`codes`].
-pub fn decode_in(
+/// See [`read_pixels`].
+pub fn decode_with(
     encoded: &EncodedImage<'_>,
-    light: Light<'_>,
-    room: &mut Room,
-) -> Result<Decoded, String> {
-    let codes = codes_in(encoded, light, std::mem::take(&mut room.codes))?;
+    light: CameraResponse<'_>,
+    room: &mut Buffers,
+) -> Result<DecodedImage, String> {
+    let codes = read_pixels_with(encoded, light, std::mem::take(&mut room.codes))?;
     let decoded =
-        Decoded { image: codes.light(std::mem::take(&mut room.light)), coding: codes.coding };
-    room.codes = codes.into_memory();
+        DecodedImage { image: codes.light(std::mem::take(&mut room.light)), coding: codes.coding };
+    room.codes = codes.into_buffer();
     Ok(decoded)
 }
 
 /// A picture out of its container, before its codes are light: rows become light one at a time,
 /// where they are used.
-pub struct Codes<'a> {
+pub struct PixelValues<'a> {
     /// [px]
     pub width: usize,
     /// [px]
     pub height: usize,
     /// the mosaic's phase
-    pub mosaic: Option<Phase>,
+    pub mosaic: Option<BayerPattern>,
     /// how it was coded
     pub coding: Coding,
     samples: Samples,
@@ -167,17 +170,17 @@ pub struct Codes<'a> {
     law: Law<'a>,
 }
 
-/// Codes → light.
+/// PixelValues → light.
 enum Law<'a> {
     /// 8 bits
     Table(Box<[f32; 256]>),
     /// 16 bits
-    Wide { big_endian: bool, white: f32, transfer: Transfer, response: Option<&'a Response> },
+    Wide { big_endian: bool, white: f32, transfer: Transfer, response: Option<&'a ResponseTable> },
 }
 
-impl Codes<'_> {
+impl PixelValues<'_> {
     /// What a picture took of memory, for the next one; none where it lies in its message.
-    pub fn into_memory(self) -> Vec<u8> {
+    pub fn into_buffer(self) -> Vec<u8> {
         match self.data {
             Cow::Owned(memory) => memory,
             Cow::Borrowed(_) => Vec::new(),
@@ -281,19 +284,22 @@ impl Codes<'_> {
 ///
 /// # Errors
 /// A sentence: an encoding that is not read, sizes that contradict the data, a damaged file.
-pub fn codes<'a>(encoded: &EncodedImage<'a>, light: Light<'a>) -> Result<Codes<'a>, String> {
-    codes_in(encoded, light, Vec::new())
+pub fn read_pixels<'a>(
+    encoded: &EncodedImage<'a>,
+    light: CameraResponse<'a>,
+) -> Result<PixelValues<'a>, String> {
+    read_pixels_with(encoded, light, Vec::new())
 }
 
-/// The same, with the memory of a picture before; [`Codes::into_memory`] gives it back.
+/// The same, with the memory of a picture before; [`PixelValues::into_buffer`] gives it back.
 ///
 /// # Errors
-/// As [`codes`].
-pub fn codes_in<'a>(
+/// As [`read_pixels`].
+pub fn read_pixels_with<'a>(
     encoded: &EncodedImage<'a>,
-    light: Light<'a>,
+    light: CameraResponse<'a>,
     memory: Vec<u8>,
-) -> Result<Codes<'a>, String> {
+) -> Result<PixelValues<'a>, String> {
     match *encoded {
         EncodedImage::Raw { width, height, encoding, step, data, .. } if yuv::is_yuv(encoding) => {
             ensure_size(width, height)?;
@@ -442,9 +448,9 @@ fn webp_container(data: &[u8]) -> Container {
 fn compressed<'a>(
     format: &str,
     data: &[u8],
-    light: Light<'a>,
+    light: CameraResponse<'a>,
     memory: Vec<u8>,
-) -> Result<Codes<'a>, String> {
+) -> Result<PixelValues<'a>, String> {
     let bad = |e: image::ImageError| format!("the picture cannot be decoded: {e}");
     let (mut decoder, container): (Box<dyn ImageDecoder + '_>, _) = match data {
         [0xff, 0xd8, ..] if !jpeg_has_end(data) => {
@@ -523,8 +529,8 @@ fn of_samples<'a>(
     samples: Samples,
     big_endian: bool,
     container: Container,
-    light: Light<'a>,
-) -> Codes<'a> {
+    light: CameraResponse<'a>,
+) -> PixelValues<'a> {
     let transfer = match light.transfer {
         Transfer::Auto if samples.bytes == 2 || samples.bayer.is_some() => Transfer::Linear,
         Transfer::Auto => Transfer::Srgb,
@@ -553,7 +559,7 @@ fn of_samples<'a>(
         )
     };
     let coding = Coding { bits: 8 * samples.bytes as u8, container, transfer, bits_used };
-    Codes { width, height, mosaic: samples.bayer, coding, samples, data, step, law }
+    PixelValues { width, height, mosaic: samples.bayer, coding, samples, data, step, law }
 }
 
 /// Shows the segments before a JPEG's first scan; where that begins.

@@ -8,7 +8,7 @@
 
 /// The four phases: colours of the pixels (0,0) and (1,0), (0,1) and (1,1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
+pub enum BayerPattern {
     /// red first
     Rggb,
     /// blue first
@@ -19,7 +19,7 @@ pub enum Phase {
     Grbg,
 }
 
-impl Phase {
+impl BayerPattern {
     /// Band (0 red, 1 green, 2 blue) of a pixel.
     pub fn band(self, x: usize, y: usize) -> usize {
         let (red_row, red_column) = self.red();
@@ -46,7 +46,7 @@ const ROWS: usize = 2 * MARGIN + 1;
 pub struct Demosaic {
     width: usize,
     height: usize,
-    phase: Phase,
+    phase: BayerPattern,
     /// the last five rows with their margins, by number modulo five
     rows: [Vec<f32>; ROWS],
     pushed: usize,
@@ -61,7 +61,7 @@ fn mirrored(i: isize, n: usize) -> usize {
 
 impl Demosaic {
     /// For pictures of at least 3×3 pixels.
-    pub fn new(width: usize, height: usize, phase: Phase) -> Self {
+    pub fn new(width: usize, height: usize, phase: BayerPattern) -> Self {
         let row = || vec![0.0; width + 2 * MARGIN];
         Self {
             width,
@@ -138,7 +138,7 @@ fn color_row<const RED_ROW: bool>(rows: [&[f32]; ROWS], red_column: usize, out: 
 }
 
 /// Interpolates `mosaic` (`height × width`). Pictures under 3×3 are not taken.
-pub fn demosaic(mosaic: &[f32], width: usize, height: usize, phase: Phase) -> Vec<f32> {
+pub fn demosaic(mosaic: &[f32], width: usize, height: usize, phase: BayerPattern) -> Vec<f32> {
     let mut out = Vec::with_capacity(3 * mosaic.len());
     let mut rows = Demosaic::new(width, height, phase);
     for row in mosaic.chunks_exact(width) {
@@ -157,7 +157,9 @@ mod tests {
         let truth = |x: usize, y: usize| {
             [0.2 + 0.01 * x as f32, 0.5 - 0.008 * y as f32, 0.3 + 0.004 * (x + y) as f32]
         };
-        for phase in [Phase::Rggb, Phase::Bggr, Phase::Gbrg, Phase::Grbg] {
+        for phase in
+            [BayerPattern::Rggb, BayerPattern::Bggr, BayerPattern::Gbrg, BayerPattern::Grbg]
+        {
             let mosaic: Vec<f32> = (0..w * h)
                 .map(|i| {
                     let (x, y) = (i % w, i / w);

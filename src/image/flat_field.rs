@@ -4,7 +4,7 @@
 //! In: the share of light that arrives, per pixel and band, 1 where most does. Mosaics are divided
 //! as they are.
 
-use super::demosaic::Phase;
+use super::demosaic::BayerPattern;
 use super::{LinearImage, SensorImage};
 
 /// Pixels darker than this share of the brightest say nothing.
@@ -31,7 +31,7 @@ impl FlatField {
     }
 
     /// From a picture of an evenly lit surface, each band brought to 1.
-    pub fn from_picture(mut picture: LinearImage) -> Self {
+    pub fn from_image(mut picture: LinearImage) -> Self {
         for band in 0..picture.bands {
             let mut values: Vec<f32> =
                 picture.pixels.iter().skip(band).step_by(picture.bands).copied().collect();
@@ -53,7 +53,7 @@ impl FlatField {
     /// The sizes differ.
     pub fn divide(&self, image: &mut SensorImage) -> Result<(), String> {
         let SensorImage { light, mosaic } = image;
-        self.ensure_fits(light.width, light.height)?;
+        self.check_size(light.width, light.height)?;
         let row = light.width * light.bands;
         light
             .pixels
@@ -67,7 +67,7 @@ impl FlatField {
     ///
     /// # Errors
     /// The sizes differ.
-    pub fn ensure_fits(&self, width: usize, height: usize) -> Result<(), String> {
+    pub fn check_size(&self, width: usize, height: usize) -> Result<(), String> {
         match (self.shares.width, self.shares.height) {
             own if own == (width, height) => Ok(()),
             (w, h) => Err(format!("the flat field is {w}×{h}, the picture {width}×{height}")),
@@ -75,7 +75,7 @@ impl FlatField {
     }
 
     /// Divides row `y` of a picture of the same size.
-    pub fn divide_row(&self, y: usize, mosaic: Option<Phase>, light: &mut [f32]) {
+    pub fn divide_row(&self, y: usize, mosaic: Option<BayerPattern>, light: &mut [f32]) {
         let LinearImage { width, bands, ref pixels, .. } = self.shares;
         let stored = light.len() / width;
         let shares = pixels[y * width * bands..][..width * bands].chunks_exact(bands);
@@ -101,7 +101,7 @@ mod tests {
             let lit = falloff((i % 41) as f64, (i / 41) as f64) as f32;
             pixel.copy_from_slice(&[0.5 * lit, 0.25 * lit, 0.75 * lit]);
         }
-        for field in [FlatField::from_fn(41, 31, falloff), FlatField::from_picture(light.clone())] {
+        for field in [FlatField::from_fn(41, 31, falloff), FlatField::from_image(light.clone())] {
             let mut image = SensorImage { light: light.clone(), mosaic: None };
             field.divide(&mut image).expect("one size");
             let spread = |b: usize| {

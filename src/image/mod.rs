@@ -18,7 +18,7 @@ mod yuv;
 
 /// The largest of many values, none of which counts below 0: eight at a time, in a loop that
 /// vectorises.
-pub fn largest(values: &[f32]) -> f32 {
+pub fn max_value(values: &[f32]) -> f32 {
     let (blocks, rest) = values.as_chunks::<8>();
     let most = blocks.iter().fold([0f32; 8], |most, block| {
         std::array::from_fn(|k| if block[k] > most[k] { block[k] } else { most[k] })
@@ -79,7 +79,7 @@ pub struct SensorImage {
     /// light as measured: `bands` is 1 for a mosaic
     pub light: LinearImage,
     /// the mosaic's phase
-    pub mosaic: Option<demosaic::Phase>,
+    pub mosaic: Option<demosaic::BayerPattern>,
 }
 
 impl SensorImage {
@@ -89,7 +89,7 @@ impl SensorImage {
     }
 
     /// All bands at every pixel.
-    pub fn into_bands(self) -> LinearImage {
+    pub fn into_demosaiced(self) -> LinearImage {
         let LinearImage { width, height, ref pixels, .. } = self.light;
         match self.mosaic {
             Some(phase) => LinearImage {

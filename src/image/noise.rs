@@ -3,7 +3,7 @@
 //! step, standard deviation step/√12). Where the rig file tells the sensor's electrons, shot and
 //! read noise are added. What a JPEG loses beside that is not counted.
 
-use super::decode::{Coding, Light};
+use super::decode::{CameraResponse, Coding};
 use super::transfer::Transfer;
 
 /// A sensor's electrons.
@@ -27,7 +27,7 @@ pub struct Noise {
 
 impl Noise {
     /// Of pictures coded like this.
-    pub fn of(coding: &Coding, light: Light<'_>, electrons: Electrons) -> Self {
+    pub fn of(coding: &Coding, light: CameraResponse<'_>, electrons: Electrons) -> Self {
         let codes = match coding.bits {
             0..=8 => 255,
             _ => {
@@ -62,7 +62,7 @@ impl Noise {
     }
 
     /// No more than this is it, wherever its step lies: told without looking for it.
-    pub fn std_at_most(&self, light: f64) -> f64 {
+    pub fn max_std(&self, light: f64) -> f64 {
         self.with_step(self.largest_step, light)
     }
 
@@ -87,7 +87,7 @@ mod tests {
             transfer,
             bits_used,
         };
-        let light = |white_level| Light { white_level, ..Light::default() };
+        let light = |white_level| CameraResponse { white_level, ..CameraResponse::default() };
         // 12 bits at the top of 16.
         let twelve = Noise::of(
             &coding(16, Transfer::Linear, 0xfff0),
@@ -98,8 +98,7 @@ mod tests {
         // Code 128 of sRGB is 0.2159, the next 0.2195.
         let eight = Noise::of(&coding(8, Transfer::Srgb, 0xff), light(None), Electrons::default());
         assert!(
-            eight.std_at_most(0.2175) > eight.std(0.2175)
-                && eight.std_at_most(0.2175) == eight.std(0.999)
+            eight.max_std(0.2175) > eight.std(0.2175) && eight.max_std(0.2175) == eight.std(0.999)
         );
         assert!((eight.std(0.2175) * 12f64.sqrt() - 0.0036).abs() < 2e-4, "{}", eight.std(0.2175));
         // 10 000 electrons at full scale: a quarter of it has 50 of 2500, and reading adds 5.

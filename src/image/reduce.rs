@@ -1,15 +1,15 @@
 //! A smaller picture for the eye: means over blocks, all bands at every pixel.
 
 use super::LinearImage;
-use super::decode::Codes;
+use super::decode::PixelValues;
 
 /// The picture with its longer side no longer than `most_px` [px]: as it is where it fits, else
 /// means over square blocks. Of a mosaic the means are taken band by band, so nothing is
 /// interpolated.
-pub fn reduced(codes: &Codes<'_>, most_px: usize) -> LinearImage {
+pub fn downscale(codes: &PixelValues<'_>, most_px: usize) -> LinearImage {
     let block = codes.width.max(codes.height).div_ceil(most_px.max(1));
     if block <= 1 {
-        return codes.light(Vec::new()).into_bands();
+        return codes.light(Vec::new()).into_demosaiced();
     }
     // A block of a mosaic holds whole cells, so every band is in it.
     let block = if codes.mosaic.is_some() { block.next_multiple_of(2) } else { block };
@@ -39,25 +39,28 @@ pub fn reduced(codes: &Codes<'_>, most_px: usize) -> LinearImage {
 mod tests {
     use super::*;
     use crate::image::EncodedImage;
-    use crate::image::decode::{Light, codes};
-    use crate::image::demosaic::Phase;
+    use crate::image::decode::{CameraResponse, read_pixels};
+    use crate::image::demosaic::BayerPattern;
     use crate::image::transfer::Transfer;
 
-    fn raw<'a>(encoding: &'a str, width: usize, height: usize, data: &'a [u8]) -> Codes<'a> {
+    fn raw<'a>(encoding: &'a str, width: usize, height: usize, data: &'a [u8]) -> PixelValues<'a> {
         let picture =
             EncodedImage::Raw { width, height, encoding, big_endian: false, step: width, data };
-        codes(&picture, Light { transfer: Transfer::Linear, ..Light::default() })
-            .expect("a picture")
+        read_pixels(
+            &picture,
+            CameraResponse { transfer: Transfer::Linear, ..CameraResponse::default() },
+        )
+        .expect("a picture")
     }
 
     #[test]
     fn blocks_of_a_mosaic_keep_the_colour() {
         let (width, height) = (20, 12);
         let data: Vec<u8> = (0..width * height)
-            .map(|i| [51, 102, 204][Phase::Grbg.band(i % width, i / width)])
+            .map(|i| [51, 102, 204][BayerPattern::Grbg.band(i % width, i / width)])
             .collect();
         for most in [7, 10, 20, 40] {
-            let small = reduced(&raw("bayer_grbg8", width, height, &data), most);
+            let small = downscale(&raw("bayer_grbg8", width, height, &data), most);
             assert!(small.width.max(small.height) <= most && small.bands == 3, "{most}");
             assert!(
                 small
@@ -71,7 +74,7 @@ mod tests {
 
     #[test]
     fn a_picture_smaller_than_a_block_is_no_reason_to_fail() {
-        let small = reduced(&raw("mono8", 100, 3, &[51; 300]), 10);
+        let small = downscale(&raw("mono8", 100, 3, &[51; 300]), 10);
         assert!((small.width, small.height) == (10, 1) && (small.pixels[9] - 0.2).abs() < 1e-6);
     }
 }

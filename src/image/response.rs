@@ -4,12 +4,12 @@
 
 /// A monotone table from codes to light, both as shares of full scale.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Response {
+pub struct ResponseTable {
     /// code share, light share; both rise
     points: Vec<[f64; 2]>,
 }
 
-impl Response {
+impl ResponseTable {
     /// Checks a table.
     ///
     /// # Errors
@@ -81,8 +81,9 @@ mod tests {
 
     #[test]
     fn straight_between_points_and_on_beyond_them() {
-        let response = Response::from_csv("code, light\n# dark end\n0.1, 0\n0.5; 0.2\n\n0.9,0.8\n")
-            .expect("a table");
+        let response =
+            ResponseTable::from_csv("code, light\n# dark end\n0.1, 0\n0.5; 0.2\n\n0.9,0.8\n")
+                .expect("a table");
         for (code, light) in
             [(0.1, 0.0), (0.3, 0.1), (0.5, 0.2), (0.7, 0.5), (0.9, 0.8), (1.0, 0.95), (0.0, 0.0)]
         {
@@ -104,7 +105,7 @@ mod tests {
             ("0,0\n0.5,x", "line 2"),
             ("0,0\n0.5,nan", "shares of full scale"),
         ] {
-            let error = Response::from_csv(text).expect_err(text);
+            let error = ResponseTable::from_csv(text).expect_err(text);
             assert!(error.contains(said), "{text:?}: {error}");
         }
     }

@@ -84,13 +84,13 @@ pub fn srgb_encode(light: f64) -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shoulder {
     /// k [share of white]; 1 cuts off
-    pub from: f64,
+    pub knee: f64,
 }
 
 impl Shoulder {
     /// What light is shown as.
-    pub fn shown(self, light: f64) -> f64 {
-        let (k, room) = (self.from, 1.0 - self.from);
+    pub fn compress(self, light: f64) -> f64 {
+        let (k, room) = (self.knee, 1.0 - self.knee);
         if light <= k || room <= 0.0 {
             light.min(1.0)
         } else {
@@ -99,14 +99,14 @@ impl Shoulder {
     }
 
     /// The light that is shown so: the way back.
-    pub fn light(self, shown: f64) -> f64 {
-        let (k, room) = (self.from, 1.0 - self.from);
+    pub fn expand(self, shown: f64) -> f64 {
+        let (k, room) = (self.knee, 1.0 - self.knee);
         if shown <= k || room <= 0.0 { shown } else { k - room * (-(shown - k) / room).ln_1p() }
     }
 
     /// Light from which on all is shown by the highest of 8-bit codes.
     pub fn white(self) -> f64 {
-        if self.from >= 1.0 { 1.0 } else { self.light(Transfer::Srgb.to_linear(254.5 / 255.0)) }
+        if self.knee >= 1.0 { 1.0 } else { self.expand(Transfer::Srgb.to_linear(254.5 / 255.0)) }
     }
 }
 
@@ -133,12 +133,12 @@ impl SrgbTable {
             )
         };
         Self(Box::new(std::array::from_fn(|i| {
-            (srgb_encode(shoulder.shown(f64::from(middle(i)))) * 255.0).round() as u8
+            (srgb_encode(shoulder.compress(f64::from(middle(i)))) * 255.0).round() as u8
         })))
     }
 
     /// The code of `light`; below 0 is black.
-    pub fn code(&self, light: f32) -> u8 {
+    pub fn encode(&self, light: f32) -> u8 {
         self.0[Self::place(light) as usize]
     }
 
@@ -150,7 +150,7 @@ impl SrgbTable {
     }
 
     /// The codes of a row.
-    pub fn codes(&self, light: &[f32], out: &mut Vec<u8>) {
+    pub fn encode_row(&self, light: &[f32], out: &mut Vec<u8>) {
         // Places many at a time, which vectorises; then the look-ups, which cannot.
         const MANY: usize = 256;
         let table = &*self.0;
@@ -176,29 +176,29 @@ mod tests {
 
     #[test]
     fn srgb_there_and_back_by_table() {
-        let (to, back) = (Transfer::Srgb.table8(), SrgbTable::new(Shoulder { from: 1.0 }));
+        let (to, back) = (Transfer::Srgb.table8(), SrgbTable::new(Shoulder { knee: 1.0 }));
         for code in 0..=255u8 {
-            assert_eq!(back.code(to[usize::from(code)]), code);
+            assert_eq!(back.encode(to[usize::from(code)]), code);
         }
-        assert_eq!((back.code(1.2), back.code(1e9), back.code(-1.0)), (255, 255, 0));
+        assert_eq!((back.encode(1.2), back.encode(1e9), back.encode(-1.0)), (255, 255, 0));
     }
 
     /// Highlights stay apart, nothing below the shoulder moves, and codes lead back to light.
     #[test]
     fn the_shoulder_keeps_highlights_apart_and_can_be_undone() {
-        let shoulder = Shoulder { from: 0.75 };
-        let (bent, cut) = (SrgbTable::new(shoulder), SrgbTable::new(Shoulder { from: 1.0 }));
+        let shoulder = Shoulder { knee: 0.75 };
+        let (bent, cut) = (SrgbTable::new(shoulder), SrgbTable::new(Shoulder { knee: 1.0 }));
         for i in 0..=750 {
             let light = i as f32 / 1000.0;
-            assert_eq!(bent.code(light), cut.code(light), "{light}");
+            assert_eq!(bent.encode(light), cut.encode(light), "{light}");
         }
-        let codes = [0.8, 1.0, 1.2, 1.5].map(|light| bent.code(light));
+        let codes = [0.8, 1.0, 1.2, 1.5].map(|light| bent.encode(light));
         assert!(codes.windows(2).all(|c| c[0] + 2 < c[1]) && codes[3] < 255, "{codes:?}");
         for i in 1..150 {
             let light = f64::from(i) / 100.0;
-            assert!((shoulder.light(shoulder.shown(light)) - light).abs() < 1e-9);
+            assert!((shoulder.expand(shoulder.compress(light)) - light).abs() < 1e-9);
             let back = shoulder
-                .light(Transfer::Srgb.to_linear(f64::from(bent.code(light as f32)) / 255.0));
+                .expand(Transfer::Srgb.to_linear(f64::from(bent.encode(light as f32)) / 255.0));
             assert!(
                 (back / light - 1.0).abs() < if light < 1.2 { 0.05 } else { 0.12 } || light < 0.05,
                 "{light} came back as {back}"
@@ -206,8 +206,8 @@ mod tests {
         }
         assert!(
             (shoulder.white() - 1.76).abs() < 0.01
-                && bent.code(1.70) < 255
-                && bent.code(1.80) == 255
+                && bent.encode(1.70) < 255
+                && bent.encode(1.80) == 255
         );
     }
 }

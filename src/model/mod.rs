@@ -31,7 +31,7 @@ pub use file::{
 pub use light_setting::{LightLaw, LightSettingFile};
 
 use crate::config::Spreading;
-use crate::geometry::LightPath;
+use crate::geometry::{LightPath, MIN_COS_INCIDENCE};
 use crate::image::Bands;
 use crate::units::Stamp;
 
@@ -106,9 +106,9 @@ impl ImagingModel {
         let by = |p: &LightPath| {
             self.beam_pattern.log_gain(p.angles) + self.log_water(p, band) + self.log_geometry(p)
         };
-        match path.legs() {
+        match path.lamp_paths() {
             [] => by(path),
-            legs => log_sum(legs.iter().map(|leg| leg.share.ln() + by(&path.by(leg)))),
+            legs => log_sum(legs.iter().map(|leg| leg.share.ln() + by(&path.via(leg)))),
         }
     }
 }
@@ -122,5 +122,6 @@ pub fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
 /// Logarithm of spreading and incidence.
 pub fn log_geometry(spreading: SpreadingModel, incidence: bool, path: &LightPath) -> f64 {
     // Below 3° of grazing light the plane is no model of the floor any more.
-    spreading.log_light(path) + if incidence { path.cos_incidence.max(0.05).ln() } else { 0.0 }
+    spreading.log_light(path)
+        + if incidence { path.cos_incidence.max(MIN_COS_INCIDENCE).ln() } else { 0.0 }
 }

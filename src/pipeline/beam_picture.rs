@@ -25,7 +25,11 @@ pub fn png(beam: &BeamPattern) -> Vec<u8> {
     for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
         let (log_gain, is_seen) =
             beam.read(StrobeAngles { theta_rad: angle(y), phi_rad: angle(x) });
-        canvas.set(left + x, top + y, if is_seen { Ramp::Warm.at(log_gain.exp()) } else { UNSEEN });
+        canvas.set(
+            left + x,
+            top + y,
+            if is_seen { Ramp::Plasma.at(log_gain.exp()) } else { UNSEEN },
+        );
     }
     let width = |text: &str| Canvas::text_width(text, 1) as i64;
     let ticks = (limit.to_degrees() / TICK_DEG).floor() as i64;
@@ -44,7 +48,11 @@ pub fn png(beam: &BeamPattern) -> Vec<u8> {
     canvas.text((2, top - 3), 1, INK, "[°]");
     let scale = left + side + 14;
     (0..side).for_each(|y| {
-        canvas.fill((scale, top + y), (SCALE_WIDTH, 1), Ramp::Warm.at(1.0 - y as f64 / SIDE as f64))
+        canvas.fill(
+            (scale, top + y),
+            (SCALE_WIDTH, 1),
+            Ramp::Plasma.at(1.0 - y as f64 / SIDE as f64),
+        )
     });
     for quarter in 0..=4 {
         let at = top + side * quarter / 4;

@@ -7,11 +7,11 @@ use super::chosen_frames::for_frames;
 use super::model_of::strobe_of;
 use super::{BEAM_REFINED, BEAM_ROUGHEST, Prepared, glow_table};
 use crate::config::{Config, Method, WhiteBalance};
-use crate::correct::{Correction, Frame, MeanFrames, rendering};
+use crate::correct::{Correction, Frame, MeanFrames, estimate_rendering};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, samples};
-use crate::geometry::{LightPath, Relief, SeafloorPlane, View};
-use crate::image::decode::{Codes, Light, codes, decode};
+use crate::geometry::{LightPath, SeafloorPlane, Terrain, View};
+use crate::image::decode::{CameraResponse, PixelValues, decode, read_pixels};
 use crate::image::noise::Noise;
 use crate::image::{LinearImage, SensorImage};
 use crate::messages::Kind;
@@ -52,7 +52,7 @@ pub struct BenchFrame {
     /// the floor below
     pub plane: SeafloorPlane,
     /// heights over it
-    pub relief: Option<Relief>,
+    pub terrain: Option<Terrain>,
 }
 
 impl Bench {
@@ -114,7 +114,7 @@ impl Bench {
         survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut picture.image)).ok()?;
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &self.config.seafloor).ok()?;
-        let relief = survey.pings.relief(stamp, &plane, &survey.rig);
+        let terrain = survey.pings.terrain(stamp, &plane, &survey.rig);
         let camera =
             survey.rig.camera.scaled_to(picture.image.light.width, picture.image.light.height)?;
         Some(BenchFrame {
@@ -125,13 +125,13 @@ impl Bench {
             message: message.clone(),
             camera,
             plane,
-            relief,
+            terrain,
         })
     }
 
-    fn light(&self) -> Light<'_> {
+    fn light(&self) -> CameraResponse<'_> {
         let survey = &self.log.survey;
-        Light {
+        CameraResponse {
             transfer: self.config.light.transfer,
             white_level: survey.white_level,
             response: survey.response.as_ref(),
@@ -144,7 +144,7 @@ impl Bench {
             camera: &frame.camera,
             rig: &self.log.survey.rig,
             plane: &frame.plane,
-            relief: frame.relief.as_ref(),
+            terrain: frame.terrain.as_ref(),
         }
     }
 
@@ -181,7 +181,7 @@ impl Bench {
     ) -> RenderingFile {
         let mut config = self.config.render.clone();
         (config.method, config.white_balance) = (method, white_balance);
-        rendering(lit, &self.model, self.log.survey.white_level, &config)
+        estimate_rendering(lit, &self.model, self.log.survey.white_level, &config)
     }
 
     /// What the water scatters back, ray by ray, for a method that takes it off: made once for many
@@ -234,11 +234,11 @@ impl Bench {
         out
     }
 
-    fn with_codes(&self, message: &Message, work: impl FnOnce(&Codes<'_>)) -> Option<()> {
+    fn with_codes(&self, message: &Message, work: impl FnOnce(&PixelValues<'_>)) -> Option<()> {
         let decoder = self.log.scan.decoders.get(&message.channel)?;
         let value = decoder.read(message.data()).ok()?;
         let Kind::Image(read) = decoder.message_type.kind else { return None };
-        work(&codes(&read(&value).ok()?, self.light()).ok()?);
+        work(&read_pixels(&read(&value).ok()?, self.light()).ok()?);
         Some(())
     }
 }

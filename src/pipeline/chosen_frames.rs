@@ -44,11 +44,11 @@ pub fn for_frames<R: Send>(
     };
     let work = |frame| Ok(work(frame));
     let under_way = threads.count() * UNDER_WAY;
-    threads.lanes(|lanes| {
+    threads.scope(|scope| {
         let weight = |block: u32| {
             recording.blocks().get(block as usize).map_or(0, |b| b.weight().min(under_way / 2))
         };
-        let blocks = lanes.in_order(
+        let blocks = scope.in_order(
             blocks.into_iter().map(|block| (weight(block.0), Job::Work(block))),
             under_way,
             &read,
@@ -57,7 +57,7 @@ pub fn for_frames<R: Send>(
             Ok(frames) => frames.into_iter().map(|frame| (1, Job::Work(frame))).collect(),
             Err(e) => vec![(0, Job::Done(Err(e)))],
         });
-        lanes
+        scope
             .in_order(frames, PER_CORE * threads.count(), &work)
             .try_for_each(|result| sink(result?))
     })

@@ -19,7 +19,7 @@ use super::{Options, Prepared, Silent};
 use crate::config::SeafloorConfig;
 use crate::error::Result;
 use crate::estimate::MatchedPair;
-use crate::geometry::{Pings, SeafloorPlane, Sighted, View};
+use crate::geometry::{SeafloorEstimator, SeafloorPlane, SeafloorPoint, View};
 use crate::parallel::{Threads, ordered_map};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
@@ -211,15 +211,15 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
     Told::Offset { offset_s, std_s }
 }
 
-fn shifted(pings: &Pings, shift_s: f64) -> Pings {
+fn shifted(pings: &SeafloorEstimator, shift_s: f64) -> SeafloorEstimator {
     let moved = pings.all().map(|p| Ping { stamp: p.stamp.plus_seconds(shift_s), ..p }).collect();
-    Pings::new(moved, pings.attitude().clone())
+    SeafloorEstimator::new(moved, pings.attitude().clone())
 }
 
 /// Per pair of frames: the logarithm of the size of what both see, by the one frame over the other.
 fn scale_misfits(
     seen: &Collected,
-    pings: &Pings,
+    pings: &SeafloorEstimator,
     rig: &Rig,
     config: &SeafloorConfig,
 ) -> Vec<Option<f64>> {
@@ -228,16 +228,18 @@ fn scale_misfits(
     let of_pair = |pair: &MatchedPair| {
         let (plane_a, plane_b) = (planes[pair.a].as_ref()?, planes[pair.b].as_ref()?);
         let (view_a, view_b) = (
-            View { camera: &rig.camera, rig, plane: plane_a, relief: None },
-            View { camera: &rig.camera, rig, plane: plane_b, relief: None },
+            View { camera: &rig.camera, rig, plane: plane_a, terrain: None },
+            View { camera: &rig.camera, rig, plane: plane_b, terrain: None },
         );
         let (places_a, places_b) = (&seen.frames[pair.a].places, &seen.frames[pair.b].places);
         let every = pair.keypoints.len().div_ceil(MOST_POINTS);
         let (mut a, mut b) = (Vec::new(), Vec::new());
         for (i, j) in pair.keypoints.iter().step_by(every) {
             let (p, q) = (places_a.get(*i as usize)?, places_b.get(*j as usize)?);
-            if let (Some(Sighted { hit: p, .. }), Some(Sighted { hit: q, .. })) =
-                (view_a.seafloor_point_of(p.0, p.1), view_b.seafloor_point_of(q.0, q.1))
+            if let (
+                Some(SeafloorPoint { position: p, .. }),
+                Some(SeafloorPoint { position: q, .. }),
+            ) = (view_a.seafloor_point_of_ray(p.0, p.1), view_b.seafloor_point_of_ray(q.0, q.1))
             {
                 a.push(p.vector());
                 b.push(q.vector());
@@ -257,10 +259,14 @@ fn spread(points: &[Vector3<f64>]) -> Option<f64> {
 }
 
 /// Normals of single pings in body space.
-fn normals(pings: &Pings, rig: &Rig, config: &SeafloorConfig) -> Vec<(Stamp, Vector3<f64>)> {
+fn normals(
+    pings: &SeafloorEstimator,
+    rig: &Rig,
+    config: &SeafloorConfig,
+) -> Vec<(Stamp, Vector3<f64>)> {
     let of_ping = |ping: Ping| {
         let stamp = ping.stamp;
-        let alone = Pings::new(vec![ping], AttitudeTrack::default());
+        let alone = SeafloorEstimator::new(vec![ping], AttitudeTrack::default());
         Some((stamp, alone.seafloor(stamp, rig, config).ok()?.normal.vector()))
     };
     pings.all().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()

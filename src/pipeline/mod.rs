@@ -134,7 +134,7 @@ pub fn prepare(path: &Path, options: &Options) -> Result<Prepared> {
 fn prepare_to_write(path: &Path, options: &Options, threads: &Threads) -> Result<Prepared> {
     let recording = Recording::open(path)?;
     let (fingerprint, scan) =
-        threads.beside(|| recording.sha256().map(drop), || scanned(&recording, options, threads));
+        threads.overlap(|| recording.sha256().map(drop), || scanned(&recording, options, threads));
     let scan = scan?;
     fingerprint?;
     prepared(recording, scan, options)
@@ -213,7 +213,7 @@ fn learnt(
         let is_all = collected.iter().all(|(_, c)| c.is_all);
         let means =
             collected.first_mut().map(|(_, c)| std::mem::take(&mut c.means)).unwrap_or_default();
-        let model = threads.within(|| model_of(collected, options));
+        let model = threads.install(|| model_of(collected, options));
         if is_all || most >= max_frames {
             return Ok((model?, means));
         }

@@ -6,7 +6,7 @@ use super::pass_one::Collected;
 use super::{Options, Prepared};
 use crate::config::{Config, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
-use crate::correct::rendering;
+use crate::correct::estimate_rendering;
 use crate::error::{Error, Result};
 use crate::estimate::{
     BackscatterFit, Estimate, FollowedSetting, FrameSamples, MatchedPair, StrobePlacement, tracks,
@@ -163,7 +163,7 @@ pub fn shown(
         .iter()
         .flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(mount)?))));
     let lit: Vec<([f32; 3], LightPath)> = lit.collect();
-    rendering(&lit, model, white_level, &config.render)
+    estimate_rendering(&lit, model, white_level, &config.render)
 }
 
 /// The strobe a model was made with, in this rig; the rig's own where the model says nothing.
@@ -190,7 +190,7 @@ fn strobe_file(placed: &StrobePlacement, rig: &Rig) -> StrobeFile {
     );
     let lamp = |l: &Lamp| LampFile {
         offset_m: l.offset.into(),
-        rotation_xyzw: l.turn.coords.into(),
+        rotation_xyzw: l.rotation.coords.into(),
         share: l.share,
     };
     let lamps = if placed.lamps.lamps().len() > 1 {

@@ -13,7 +13,7 @@ use crate::estimate::{
 };
 use crate::geometry::{SeafloorPlane, View};
 use crate::image::SensorImage;
-use crate::image::decode::{Decoded, Light, Room, decode_in};
+use crate::image::decode::{Buffers, CameraResponse, DecodedImage, decode_with};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Message, Recording};
 
@@ -124,7 +124,7 @@ fn plane_below(survey: &Survey, config: &Config, frame: &FrameRef) -> Option<Sea
 
 /// A frame's view of it, before the frame is decoded.
 fn view<'v>(survey: &'v Survey, plane: &'v SeafloorPlane) -> View<'v> {
-    View { camera: &survey.rig.camera, rig: &survey.rig, plane, relief: None }
+    View { camera: &survey.rig.camera, rig: &survey.rig, plane, terrain: None }
 }
 
 /// Height of the camera over the seafloor; NaN where there is none.
@@ -160,7 +160,7 @@ pub fn collect(
     let wants_average = config.render.method.needs_mean_frames();
     let with_keypoints = config.estimate.estimator != Estimator::Altitude;
     // As many as there are threads, and no longer than this pass.
-    let rooms: Mutex<Vec<Room>> = Mutex::default();
+    let rooms: Mutex<Vec<Buffers>> = Mutex::default();
     let work = |(index, message): (usize, Message)| {
         let decoder = scan.decoders.get(&message.channel)?;
         let mut room = rooms.lock().map(|mut spare| spare.pop()).ok().flatten().unwrap_or_default();
@@ -168,9 +168,9 @@ pub fn collect(
         let camera = survey.rig.camera.scaled_to(image.light.width, image.light.height)?;
         let stamp = survey.frames.get(index)?.stamp;
         let plane = survey.pings.seafloor(stamp, &survey.rig, &config.seafloor).ok()?;
-        let relief = survey.pings.relief(stamp, &plane, &survey.rig);
+        let terrain = survey.pings.terrain(stamp, &plane, &survey.rig);
         let view =
-            View { camera: &camera, rig: &survey.rig, plane: &plane, relief: relief.as_ref() };
+            View { camera: &camera, rig: &survey.rig, plane: &plane, terrain: terrain.as_ref() };
         let mut taken = samples(
             (index, stamp),
             &image,
@@ -190,9 +190,9 @@ pub fn collect(
         taken.planes_around =
             plane_at(-PLANES_AROUND_S).zip(plane_at(PLANES_AROUND_S)).map(|(a, b)| [a, b]);
         if wants_average {
-            return Some((taken, Some((image.into_bands(), view.camera_altitude_m()))));
+            return Some((taken, Some((image.into_demosaiced(), view.camera_altitude_m()))));
         }
-        room.take_back(image);
+        room.recycle(image);
         if let Ok(mut spare) = rooms.lock() {
             spare.push(room);
         }
@@ -221,16 +221,16 @@ fn decoded(
     message: &Message,
     survey: &Survey,
     config: &Config,
-    room: &mut Room,
+    room: &mut Buffers,
 ) -> std::result::Result<(SensorImage, u8), String> {
     let value = decoder.read(message.data())?;
     let Kind::Image(read) = decoder.message_type.kind else { return Err("no picture".into()) };
-    let light = Light {
+    let light = CameraResponse {
         transfer: config.light.transfer,
         white_level: survey.white_level,
         response: survey.response.as_ref(),
     };
-    let Decoded { mut image, coding } = decode_in(&read(&value)?, light, room)?;
+    let DecodedImage { mut image, coding } = decode_with(&read(&value)?, light, room)?;
     survey.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
     Ok((image, coding.bits))
 }

@@ -161,7 +161,7 @@ impl PassTwo<'_> {
             .iter()
             .map(|camera| account(camera, &mut out))
             .collect::<Result<Vec<_>>>()?;
-        let srgb = SrgbTable::new(Shoulder { from: self.config.render.shoulder_from });
+        let srgb = SrgbTable::new(Shoulder { knee: self.config.render.shoulder_from });
 
         progress.begin(Step::Correct, self.cameras.iter().map(|c| c.survey.frames.len()).sum());
         let mut copied = 0;
@@ -172,16 +172,16 @@ impl PassTwo<'_> {
         let correct = |frame: Frame| self.worked(frame, &srgb);
         let pack = |piece: Piece| Ok(piece.into_bytes());
         let chunks = threads.count() * CHUNKS_PER_CORE;
-        threads.lanes(|lanes| {
+        threads.scope(|scope| {
             let blocks =
                 self.recording.blocks().iter().filter(|block| block.may_overlap(self.window));
             // Two at least, however large: one is read while the other is worked on.
             let blocks = blocks.map(|block| (block.weight().min(chunks / 2), Job::Work(block)));
-            let items = lanes
+            let items = scope
                 .in_order(blocks, chunks, &read)
                 .flat_map(|items| items.unwrap_or_else(|e| vec![Item::Failed(e)]));
             let frames = items.map(|item| self.job(item, &mut next_frame, threads.count()));
-            let mut outcomes = lanes.in_order(frames, UNDER_WAY, &correct).fuse();
+            let mut outcomes = scope.in_order(frames, UNDER_WAY, &correct).fuse();
             let pieces = std::iter::from_fn(|| {
                 loop {
                     if let Some(piece) = out.next_piece() {
@@ -200,7 +200,7 @@ impl PassTwo<'_> {
                     }
                 }
             });
-            lanes.in_order(pieces, chunks, &pack).try_for_each(|piece| file.put(piece?))
+            scope.in_order(pieces, chunks, &pack).try_for_each(|piece| file.put(piece?))
         })?;
         progress.end();
         let finished = |Account { tally, mut report, .. }: Account| {

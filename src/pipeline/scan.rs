@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::UnitQuaternion;
 
-use crate::image::decode::{Light, describe, white_level};
+use crate::image::decode::{CameraResponse, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
 use crate::messages::{
     AltitudeCheck, Decoder, DepthSamples, FrameTransform, Kind, RadiometrySetting, attitude_frame,
@@ -166,11 +166,11 @@ pub fn scan(
     let wanted = wanted_blocks(recording, window);
     let read = |(number, block): (u32, &Block)| Ok((number, recording.read(block, Window::ALL)?));
     let under_way = threads.count() * UNDER_WAY;
-    threads.lanes(|lanes| {
+    threads.scope(|scope| {
         let blocks = wanted
             .into_iter()
             .map(|(number, block)| (block.weight().min(under_way / 2), Job::Work((number, block))));
-        lanes.in_order(blocks, under_way, &read).try_for_each(|block| -> crate::error::Result<()> {
+        scope.in_order(blocks, under_way, &read).try_for_each(|block| -> crate::error::Result<()> {
             let (number, Contents { entries, .. }) = block?;
             for (place, entry) in (0..).zip(entries) {
                 match entry {
@@ -370,7 +370,7 @@ impl ChannelScan {
             self.picture = decode::size(picture);
         }
         if is_probed(self.frames.len())
-            && let Ok(decoded) = decode::decode(picture, Light::default())
+            && let Ok(decoded) = decode::decode(picture, CameraResponse::default())
         {
             self.container.get_or_insert(decoded.coding.container);
             if decoded.coding.bits == 16 {

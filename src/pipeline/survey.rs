@@ -12,11 +12,11 @@ use nalgebra::Isometry3;
 use crate::config::Config;
 use crate::coordinates::{Body, Optical, Transform};
 use crate::error::{Error, Result};
-use crate::geometry::Pings;
-use crate::image::decode::{Light, decode};
+use crate::geometry::SeafloorEstimator;
+use crate::image::decode::{CameraResponse, decode};
 use crate::image::flat_field::FlatField;
 use crate::image::noise::Electrons;
-use crate::image::response::Response;
+use crate::image::response::ResponseTable;
 use crate::image::{Container, EncodedImage};
 use crate::messages::Kind;
 use crate::model::{LightSettingFile, ModelFile};
@@ -62,11 +62,11 @@ pub struct Survey {
     /// the attitude's topic
     pub attitude_topic: Option<String>,
     /// pings and attitude
-    pub pings: Pings,
+    pub pings: SeafloorEstimator,
     /// what the lens takes, where the rig file says
     pub flat_field: Option<FlatField>,
     /// the camera's response as a table, where the rig file has one
-    pub response: Option<Response>,
+    pub response: Option<ResponseTable>,
     /// the sensor's electrons, as far as the rig file tells
     pub electrons: Electrons,
     /// settings of camera and strobe along the log
@@ -299,9 +299,9 @@ pub fn survey(
             "{camera_topic}: by its name these pictures have been processed already"
         ));
     }
-    let mut pings = Pings::new(pings, attitude);
+    let mut pings = SeafloorEstimator::new(pings, attitude);
     let stamps: Vec<Stamp> = frames.iter().map(|f| f.stamp).collect();
-    if let Some(foretold) = pings.find_way(&stamps, &rig, &config.seafloor) {
+    if let Some(foretold) = pings.estimate_trajectory(&stamps, &rig, &config.seafloor) {
         remarks.push(format!(
             "the seafloor is not flat: heights from hits along the track are used (hits that were \
              left out lie {foretold:.2} times as far from them as from the plane)"
@@ -332,15 +332,17 @@ pub fn survey(
 }
 
 /// The camera's response, by the rig file: a table, or the file it stands in.
-fn response(rig_file: &RigFile) -> Result<Option<Response>> {
+fn response(rig_file: &RigFile) -> Result<Option<ResponseTable>> {
     let of = |reason: String| Error::Rig(format!("camera.response: {reason}"));
     match &rig_file.camera.response {
         None => Ok(None),
-        Some(ResponseFacts::Points(points)) => Response::new(points.clone()).map(Some).map_err(of),
+        Some(ResponseFacts::Points(points)) => {
+            ResponseTable::new(points.clone()).map(Some).map_err(of)
+        }
         Some(ResponseFacts::File(path)) => {
             let text = std::fs::read_to_string(path)
                 .map_err(|source| Error::Read { path: path.clone(), source })?;
-            Response::from_csv(&text).map(Some).map_err(of)
+            ResponseTable::from_csv(&text).map(Some).map_err(of)
         }
     }
 }
@@ -350,25 +352,25 @@ fn flat_field(
     rig_file: &RigFile,
     camera: &Camera,
     picture: Option<(usize, usize)>,
-    response: Option<&Response>,
+    response: Option<&ResponseTable>,
     config: &Config,
 ) -> Result<Option<FlatField>> {
     let (width, height) = picture.unwrap_or((camera.width, camera.height));
     if let Some(path) = &rig_file.camera.flat_field {
         let data =
             std::fs::read(path).map_err(|source| Error::Read { path: path.clone(), source })?;
-        let light = Light { transfer: config.light.transfer, white_level: None, response };
+        let light = CameraResponse { transfer: config.light.transfer, white_level: None, response };
         let decoded = decode(&EncodedImage::Compressed { format: "", data: &data }, light);
         let flat = decoded
             .map_err(|e| Error::Rig(format!("camera.flat_field {}: {e}", path.display())))?
             .image
-            .into_bands();
+            .into_demosaiced();
         if (flat.width, flat.height) != (width, height) {
             let sizes =
                 format!("{}×{}, the log's pictures are {width}×{height}", flat.width, flat.height);
             return Err(Error::Rig(format!("camera.flat_field {} is {sizes}", path.display())));
         }
-        return Ok(Some(FlatField::from_picture(flat)));
+        return Ok(Some(FlatField::from_image(flat)));
     }
     let Some((vignetting, camera)) =
         rig_file.camera.vignetting.zip(camera.scaled_to(width, height))

@@ -11,4 +11,4 @@ mod svg;
 
 pub use canvas::Canvas;
 pub use ramp::{Ramp, css};
-pub use svg::{Axis, Plot, Shape, escaped, ticks};
+pub use svg::{Axis, Plot, Shape, escape_markup, ticks};

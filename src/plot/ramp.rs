@@ -5,13 +5,13 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ramp {
     /// blue to yellow (viridis): lengths
-    Cool,
+    Viridis,
     /// violet to yellow (plasma): warmer is more, as in the paper's Fig. 9
-    Warm,
+    Plasma,
 }
 
 /// Colours at even steps [sRGB codes].
-const COOL: [[u8; 3]; 9] = [
+const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],
     [71, 44, 122],
     [59, 81, 139],
@@ -22,7 +22,7 @@ const COOL: [[u8; 3]; 9] = [
     [170, 220, 50],
     [253, 231, 37],
 ];
-const WARM: [[u8; 3]; 9] = [
+const PLASMA: [[u8; 3]; 9] = [
     [13, 8, 135],
     [75, 3, 161],
     [125, 3, 168],
@@ -37,7 +37,7 @@ const WARM: [[u8; 3]; 9] = [
 impl Ramp {
     /// Colour of a share, 0 to 1; outside of it that of the nearer end.
     pub fn at(self, share: f64) -> [u8; 3] {
-        let stops = if self == Self::Cool { COOL } else { WARM };
+        let stops = if self == Self::Viridis { VIRIDIS } else { PLASMA };
         let place =
             if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 } * (stops.len() - 1) as f64;
         let first = (place as usize).min(stops.len() - 2);
@@ -63,7 +63,7 @@ mod tests {
         let lightness = |c: [u8; 3]| {
             0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2])
         };
-        for ramp in [Ramp::Cool, Ramp::Warm] {
+        for ramp in [Ramp::Viridis, Ramp::Plasma] {
             assert!((0..40).all(|i| lightness(ramp.at(f64::from(i) / 40.0))
                 < lightness(ramp.at(f64::from(i + 1) / 40.0))));
             assert_eq!(ramp.at(f64::NAN), ramp.at(0.0));

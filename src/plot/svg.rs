@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use super::ramp::{Ramp, css};
 
 /// Text that is safe inside of HTML and SVG, attributes too.
-pub fn escaped(text: &str) -> String {
+pub fn escape_markup(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -38,7 +38,7 @@ pub struct Axis {
 
 impl Axis {
     /// An axis that holds all finite values, with a little room.
-    pub fn around(label: &str, values: impl Iterator<Item = f64>) -> Self {
+    pub fn fitting(label: &str, values: impl Iterator<Item = f64>) -> Self {
         let (least, most) = values
             .filter(|v| v.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
@@ -128,7 +128,7 @@ impl Plot {
     }
 
     /// A plot of the usual size.
-    pub fn usual(says: &str, x: Axis, y: Axis) -> Self {
+    pub fn standard(says: &str, x: Axis, y: Axis) -> Self {
         Self::new(says, x, y, (450.0, 280.0))
     }
 
@@ -156,7 +156,7 @@ impl Plot {
     }
 
     /// A point in the colour of the bar's value.
-    pub fn colored(&mut self, (x, y): (f64, f64), value: f64, says: &str) {
+    pub fn colored_point(&mut self, (x, y): (f64, f64), value: f64, says: &str) {
         if let Some((ramp, axis)) = &self.bar
             && x.is_finite()
             && y.is_finite()
@@ -212,7 +212,7 @@ impl Plot {
             self.inside,
             "<rect {style} x=\"{a:.1}\" y=\"{b:.1}\" width=\"{width:.1}\" \
              height=\"{height:.1}\"><title>{}</title></rect>",
-            escaped(says)
+            escape_markup(says)
         );
     }
 
@@ -231,7 +231,7 @@ impl Plot {
 
     /// The whole as an `<svg>` element. Its `id` names the clip path and must be one of its own in
     /// the page.
-    pub fn finished(self, id: &str) -> String {
+    pub fn into_svg(self, id: &str) -> String {
         let (fw, fh) = self.field;
         let legend_height = if self.legend.is_empty() {
             0.0
@@ -244,7 +244,7 @@ impl Plot {
             "<svg class=\"plot\" id=\"{id}\" viewBox=\"0 0 {width:.0} {height:.0}\" \
              style=\"max-width:{:.0}px\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">",
             width * 1.3,
-            escaped(&self.says)
+            escape_markup(&self.says)
         );
         let mut put = |text: String| out.push_str(&text);
         put(format!(
@@ -283,13 +283,13 @@ impl Plot {
             "<text class=\"label\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
             LEFT + fw / 2.0,
             bottom + 40.0,
-            escaped(&self.x.label)
+            escape_markup(&self.x.label)
         ));
         let middle = TOP + fh / 2.0;
         put(format!(
             "<text class=\"label\" transform=\"translate(16 {middle:.1}) rotate(-90)\" \
              text-anchor=\"middle\">{}</text>",
-            escaped(&self.y.label)
+            escape_markup(&self.y.label)
         ));
         put(format!(
             "<clipPath id=\"{id}-f\"><rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" \
@@ -309,7 +309,7 @@ impl Plot {
             put(format!(
                 "<text class=\"tick\" x=\"{:.1}\" y=\"{y:.1}\">{}</text>",
                 x + 16.0,
-                escaped(text)
+                escape_markup(text)
             ));
         }
         if let Some((ramp, axis)) = &self.bar {
@@ -349,7 +349,7 @@ fn bar(ramp: Ramp, axis: &Axis, x: f64, height: f64) -> String {
         "<text class=\"label\" transform=\"translate({:.1} {middle:.1}) rotate(-90)\" \
          text-anchor=\"middle\">{}</text>",
         x + 74.0,
-        escaped(&axis.label)
+        escape_markup(&axis.label)
     );
     out
 }
@@ -360,7 +360,7 @@ fn minus(word: &str) -> String {
 }
 
 fn mark(shape: Shape, (x, y): (f64, f64), style: &str, says: Option<&str>) -> String {
-    let title = says.map_or_else(String::new, |s| format!("<title>{}</title>", escaped(s)));
+    let title = says.map_or_else(String::new, |s| format!("<title>{}</title>", escape_markup(s)));
     match shape {
         Shape::Dot => {
             format!("<circle {style} cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.6\">{title}</circle>")
@@ -392,14 +392,14 @@ mod tests {
 
     #[test]
     fn what_a_log_says_stays_text() {
-        let mut plot = Plot::usual(
+        let mut plot = Plot::standard(
             "a \"plot\"",
-            Axis::around("x [m]", [0.0, 1.0].into_iter()),
-            Axis::around("<y>", [f64::NAN].into_iter()),
+            Axis::fitting("x [m]", [0.0, 1.0].into_iter()),
+            Axis::fitting("<y>", [f64::NAN].into_iter()),
         );
         plot.point("r", Shape::Dot, (0.5, 0.5), "<script>alert('1')</script>\u{1}");
         plot.point("r", Shape::Dot, (f64::NAN, 0.5), "nowhere");
-        let svg = plot.finished("p");
+        let svg = plot.into_svg("p");
         assert!(
             !svg.contains("<script")
                 && !svg.contains("<y>")

@@ -106,7 +106,7 @@ pub fn mosaic(log: &CorrectedLog, asked: &Asked, options: &Options) -> Result<Mo
     let strip = |bench: &Bench, light: fn(&BenchFrame) -> LinearImage| {
         Strip::of(bench, &grid, &laid, light)
     };
-    let own = |frame: &BenchFrame| frame.image.clone().into_bands();
+    let own = |frame: &BenchFrame| frame.image.clone().into_demosaiced();
     let raw = raw.as_ref().map(|bench| strip(bench, own)).transpose()?.filter(|s| s.covered() > 0);
     if raw.is_none() {
         words.push("the raw pictures are not in this log: the corrected strip stands alone".into());

@@ -11,7 +11,7 @@ const BRIGHT_LEVEL: f64 = 0.75;
 const BRIGHT_QUANTILE: f64 = 0.995;
 
 /// Means over blocks of whole pixels, such that the longer side is no longer [px].
-pub fn reduced(image: &LinearImage, longest: usize) -> LinearImage {
+pub fn downscale(image: &LinearImage, longest: usize) -> LinearImage {
     let block = image.width.max(image.height).div_ceil(longest.max(1)).max(1);
     if block == 1 {
         return image.clone();
@@ -85,14 +85,14 @@ pub fn exposure<'i>(images: impl Iterator<Item = &'i LinearImage>) -> f32 {
 
 /// 8-bit codes of light times a factor; the upper end is bent, not cut off.
 pub fn codes(image: &LinearImage, factor: f32) -> Vec<u8> {
-    let srgb = SrgbTable::new(Shoulder { from: BRIGHT_LEVEL });
-    image.pixels.iter().map(|v| srgb.code(v * factor)).collect()
+    let srgb = SrgbTable::new(Shoulder { knee: BRIGHT_LEVEL });
+    image.pixels.iter().map(|v| srgb.encode(v * factor)).collect()
 }
 
 /// 8-bit codes of light that has been through a shoulder already.
 pub fn codes_as_shown(image: &LinearImage) -> Vec<u8> {
-    let srgb = SrgbTable::new(Shoulder { from: 1.0 });
-    image.pixels.iter().map(|v| srgb.code(*v)).collect()
+    let srgb = SrgbTable::new(Shoulder { knee: 1.0 });
+    image.pixels.iter().map(|v| srgb.encode(*v)).collect()
 }
 
 /// A JPEG inside of a page.
@@ -119,11 +119,11 @@ mod tests {
             .iter_mut()
             .enumerate()
             .for_each(|(i, v)| *v = (i / 3 % 5) as f32 + (i % 3) as f32 * 10.0);
-        let small = reduced(&image, 3);
+        let small = downscale(&image, 3);
         assert_eq!((small.width, small.height), (2, 2));
         assert_eq!(small.at(0, 0), &[0.5, 10.5, 20.5]);
         assert_eq!(small.at(1, 1), &[2.5, 12.5, 22.5]);
-        assert_eq!(reduced(&image, 5), image);
+        assert_eq!(downscale(&image, 5), image);
         let third = scaled(&image, 2);
         assert_eq!((third.width, third.height), (2, 2));
         // 2½ of 5 columns: (0 + 1 + ½ · 2) / 2.5

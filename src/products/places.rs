@@ -262,7 +262,7 @@ mod tests {
             normal,
             distance_m: 2.0,
             support: Support::LeastSquares,
-            hits: 9,
+            returns: 9,
             residual_m: 0.0,
             nearest_ping_s: 0.0,
         };

@@ -9,7 +9,7 @@ mod scatter;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::pictures::{codes, exposure, reduced, scaled};
+use super::pictures::{codes, downscale, exposure, scaled};
 use crate::config::Method;
 use crate::correct::{MeanFrames, apply_baseline};
 use crate::error::{Error, Result};
@@ -165,7 +165,7 @@ pub fn sheet(
     let reach = bench.config.matching.neighbours;
     let near: BTreeSet<usize> = (index.saturating_sub(reach)..=index + reach).collect();
     let mut looked: Vec<Looked> = Vec::new();
-    let small = |frame: &BenchFrame| reduced(&frame.image.clone().into_bands(), SIDE);
+    let small = |frame: &BenchFrame| downscale(&frame.image.clone().into_demosaiced(), SIDE);
     bench.each(
         &near,
         |frame| Looked { samples: bench.samples(&frame, true), raw: small(&frame), frame },
@@ -234,7 +234,7 @@ impl Methods<'_> {
     /// A frame by a tile's methods.
     fn shown(&self, looked: &Looked, tile: &Tile) -> LinearImage {
         if tile.methods == [Method::Full] {
-            return reduced(
+            return downscale(
                 &self.bench.corrected(
                     &looked.frame,
                     Method::Full,

@@ -53,7 +53,7 @@ impl AttitudeTrack {
     }
 
     /// The rotation that takes body coordinates at `from` to body coordinates at `to`.
-    pub fn turn(&self, to: Stamp, from: Stamp) -> Option<UnitQuaternion<f64>> {
+    pub fn rotation_between(&self, to: Stamp, from: Stamp) -> Option<UnitQuaternion<f64>> {
         Some(self.world_from_body(to)?.inverse() * self.world_from_body(from)?)
     }
 
@@ -84,7 +84,7 @@ mod tests {
             track.world_from_body(Stamp(4_000_000_000)).is_none(),
             "eight seconds are not bridged"
         );
-        let turn = track.turn(Stamp(1_000_000_000), Stamp(0)).expect("both ends");
+        let turn = track.rotation_between(Stamp(1_000_000_000), Stamp(0)).expect("both ends");
         assert!((turn * Vector3::y() - q(-10.0) * Vector3::y()).norm() < 1e-9);
     }
 }

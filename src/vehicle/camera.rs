@@ -222,7 +222,7 @@ impl Calibration {
 
     /// The camera for pictures of this size; `None` where their shape is another. Drivers that say
     /// they bin or crop, and do not, are told by the size of what they send.
-    pub fn for_picture(&self, picture: Option<(usize, usize)>) -> Option<Camera> {
+    pub fn for_image_size(&self, picture: Option<(usize, usize)>) -> Option<Camera> {
         let Some((width, height)) = picture else { return Some(self.cropped) };
         let of_size =
             [self.cropped, self.full].into_iter().find(|c| (c.width, c.height) == (width, height));
@@ -430,11 +430,11 @@ mod tests {
         let (a, b) = (full.ray(320.0 + 100.5, 200.0 + 60.5), half.ray(50.0, 30.0));
         assert!((a.expect("a ray").vector() - b.expect("a ray").vector()).norm() < 1e-12);
         assert_eq!(
-            calibration.for_picture(Some((1920, 1200))),
+            calibration.for_image_size(Some((1920, 1200))),
             Some(full),
             "a driver that does not crop"
         );
-        assert_eq!(calibration.for_picture(Some((640, 640))), None);
+        assert_eq!(calibration.for_image_size(Some((640, 640))), None);
     }
 
     #[test]

@@ -16,7 +16,7 @@ pub struct Lamp {
     /// place from the first, along its axes [m]
     pub offset: Vector3<f64>,
     /// turn against the first
-    pub turn: UnitQuaternion<f64>,
+    pub rotation: UnitQuaternion<f64>,
     /// share of the light; all add up to 1
     pub share: f64,
 }
@@ -32,7 +32,8 @@ pub struct Lamps {
 impl Lamps {
     /// One strobe.
     pub fn one(body_from_strobe: Transform<Body, Strobe>) -> Self {
-        let first = Lamp { offset: Vector3::zeros(), turn: UnitQuaternion::identity(), share: 1.0 };
+        let first =
+            Lamp { offset: Vector3::zeros(), rotation: UnitQuaternion::identity(), share: 1.0 };
         Self { body_from_strobe, lamps: [first; MAX_LAMPS], count: 1 }
     }
 
@@ -49,7 +50,7 @@ impl Lamps {
             let from_first = first.isometry().inverse() * mount.isometry();
             *lamp = Lamp {
                 offset: from_first.translation.vector,
-                turn: from_first.rotation,
+                rotation: from_first.rotation,
                 share: strength / total,
             };
         }
@@ -79,7 +80,10 @@ impl Lamps {
     /// Pose and share of each.
     pub fn poses(&self) -> impl Iterator<Item = (Isometry3<f64>, f64)> + '_ {
         self.lamps().iter().map(|l| {
-            (self.isometry() * Isometry3::from_parts(Translation3::from(l.offset), l.turn), l.share)
+            (
+                self.isometry() * Isometry3::from_parts(Translation3::from(l.offset), l.rotation),
+                l.share,
+            )
         })
     }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use unwater::image::EncodedImage;
-use unwater::image::decode::{Light, decode};
+use unwater::image::decode::{CameraResponse, decode};
 use unwater::pipeline::{Threads, scan::scan};
 use unwater::recording::{Entry, Recording, Window};
 use unwater::vehicle::DvlFacts;
@@ -138,7 +138,8 @@ fn a_jpeg_that_was_cut_short_is_no_picture() {
     let start = m.data().windows(3).position(|w| w == [0xff, 0xd8, 0xff]).unwrap();
     let file = &m.data()[start..];
     let whole = |data: &[u8]| {
-        decode(&EncodedImage::Compressed { format: "jpeg", data }, Light::default()).map(drop)
+        decode(&EncodedImage::Compressed { format: "jpeg", data }, CameraResponse::default())
+            .map(drop)
     };
     assert_eq!(whole(file), Ok(()));
     // Some cameras pad.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value as Json;
 use unwater::image::EncodedImage;
-use unwater::image::decode::{Light, decode, white_level};
+use unwater::image::decode::{CameraResponse, decode, white_level};
 use unwater::image::transfer::Transfer;
 use unwater::messages::{Decoder, Kind, TYPES, header};
 use unwater::recording::{Entry, Message, Recording, Window};
@@ -68,16 +68,21 @@ fn floats(json: &Json) -> Vec<f64> {
 }
 
 fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expected: &Json) {
-    // Codes as they are first: the transfer curve is undone by `auto` below.
+    // PixelValues as they are first: the transfer curve is undone by `auto` below.
     let codes =
-        decode(picture, Light { transfer: Transfer::Linear, ..Light::default() }).expect(file);
+        decode(picture, CameraResponse { transfer: Transfer::Linear, ..CameraResponse::default() })
+            .expect(file);
     let white = white_level(codes.coding.bits_used);
     let codes = decode(
         picture,
-        Light { transfer: Transfer::Linear, white_level: Some(white), ..Light::default() },
+        CameraResponse {
+            transfer: Transfer::Linear,
+            white_level: Some(white),
+            ..CameraResponse::default()
+        },
     )
     .expect(file);
-    let automatic = decode(picture, Light::default()).expect(file);
+    let automatic = decode(picture, CameraResponse::default()).expect(file);
     assert_eq!(
         automatic.coding.transfer == Transfer::Linear,
         expected["linear"].as_bool().expect("linear"),
@@ -88,7 +93,7 @@ fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expecte
         expected["bits"].as_u64().expect("bits"),
         "{file}: bits"
     );
-    let image = codes.image.into_bands();
+    let image = codes.image.into_demosaiced();
     assert_eq!(
         (image.width as u64, image.height as u64, image.bands as u64),
         (
@@ -384,7 +389,7 @@ fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
                 && let Kind::Image(read) = decoder.message_type.kind
                 && let Ok(picture) = read(&value)
             {
-                let _whatever = decode(&picture, Light::default());
+                let _whatever = decode(&picture, CameraResponse::default());
             }
             turned[at] ^= 0xff;
         }

@@ -223,15 +223,14 @@ fn depth_pictures_are_ranges_like_any_other() {
     for frame in &survey.frames {
         let plane =
             survey.pings.seafloor(frame.stamp, &survey.rig, &Config::default().seafloor).unwrap();
-        let above = plane.distance_m
-            - plane.normal.vector().dot(&survey.rig.body_from_optical.origin().vector());
+        let above = plane.camera_altitude_m(&survey.rig);
         let along = (survey.rig.body_from_optical * unwater::coordinates::Direction::boresight())
             .vector()
             .dot(&plane.normal.vector());
         assert!(
-            (above - 1.75).abs() < 1e-3 && along > 0.9999 && plane.hits >= 20,
+            (above - 1.75).abs() < 1e-3 && along > 0.9999 && plane.returns >= 20,
             "{above} m, {along}, {} hits",
-            plane.hits
+            plane.returns
         );
     }
 }

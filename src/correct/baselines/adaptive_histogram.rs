@@ -19,14 +19,14 @@ pub fn equalise(image: &mut LinearImage) {
     let mut values = image.pixels.clone();
     let index = ((values.len() - 1) as f64 * BRIGHT_QUANTILE).round() as usize;
     let bright = (*values.select_nth_unstable_by(index, f32::total_cmp).1).max(LEAST_LIGHT);
-    let (to_code, to_light) = (SrgbTable::new(Shoulder { from: 1.0 }), Transfer::Srgb.table8());
+    let (to_code, to_light) = (SrgbTable::new(Shoulder { knee: 1.0 }), Transfer::Srgb.table8());
     for band in 0..image.bands {
         let codes: Vec<u8> = image
             .pixels
             .iter()
             .skip(band)
             .step_by(image.bands)
-            .map(|v| to_code.code(v / bright))
+            .map(|v| to_code.encode(v / bright))
             .collect();
         let equalised = clahe(&codes, image.width, image.height);
         let of_band = image.pixels.iter_mut().skip(band).step_by(image.bands);

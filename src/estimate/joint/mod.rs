@@ -32,7 +32,7 @@ use crate::image::Bands;
 use crate::model::{
     Backscatter, BeamGrid, BeamPattern, ScatterIntegral, SpreadingModel, log_geometry,
 };
-use crate::parallel::each;
+use crate::parallel::par_map;
 use crate::vehicle::{Lamps, MAX_LAMPS};
 use columns::Columns;
 use places::{MOST_PLACES, Place};
@@ -246,7 +246,7 @@ impl<'s> Problem<'s> {
             };
             track.iter().enumerate().filter_map(lit).collect()
         };
-        let views: Vec<Vec<Lit<'_>>> = each(begun, |(first, track)| lit(first, track));
+        let views: Vec<Vec<Lit<'_>>> = par_map(begun, |(first, track)| lit(first, track));
         let mut seen = vec![0.0; nodes.count * nodes.count];
         views
             .iter()
@@ -421,7 +421,7 @@ fn row(
         length_m: p.strobe_to_seafloor_m,
     };
     let legs: Vec<LegRow> =
-        path.legs().iter().map(|leg| of_leg(&path.by(leg), leg.share)).collect();
+        path.lamp_paths().iter().map(|leg| of_leg(&path.via(leg), leg.share)).collect();
     let first = of_leg(path, 1.0);
     let nodes_used = if legs.is_empty() { 4 } else { 4 * legs.len() };
     let all = legs.iter().chain(legs.is_empty().then_some(&first)).flat_map(|l| l.nodes);

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use super::super::robust;
 use super::{LEAST_DIRECT_SHARE, LegRow, NOISE_CLASSES, Problem, Row, Solution};
 use crate::model::{SHAPES, log_sum};
-use crate::parallel::each;
+use crate::parallel::par_map;
 
 /// A held unknown is this much stiffer than the rows make it.
 const HOLDING: f64 = 1e6;
@@ -118,7 +118,7 @@ impl Problem<'_> {
             return values;
         }
         let direct: Vec<[f64; 3]> = {
-            let said = each(self.rows.iter().collect(), |r| self.modelled(r, &values));
+            let said = par_map(self.rows.iter().collect(), |r| self.modelled(r, &values));
             let by_glow = |r: &Row, b: usize| {
                 self.columns
                     .of_band(&self.setting, &self.back, r, b)
@@ -286,7 +286,7 @@ impl Problem<'_> {
     /// so neither do sums over them.
     fn in_parts<R: Send>(&self, work: impl Fn(&[Range<usize>]) -> R + Sync) -> Vec<R> {
         let tracks: Vec<Range<usize>> = self.tracks().collect();
-        each(tracks.chunks(tracks.len().div_ceil(PARTS).max(1)).collect(), work)
+        par_map(tracks.chunks(tracks.len().div_ceil(PARTS).max(1)).collect(), work)
     }
 }
 

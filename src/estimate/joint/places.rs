@@ -88,11 +88,11 @@ impl Problem<'_> {
                     continue;
                 };
                 let per_unit = 1.0 / (2.0 * place.step);
-                let light = |p: &LightPath, alpha: f64| match p.legs() {
+                let light = |p: &LightPath, alpha: f64| match p.lamp_paths() {
                     [] => common(p) - alpha * p.length_m(),
                     legs => log_sum(
                         legs.iter()
-                            .map(|l| (p.by(l), l.share))
+                            .map(|l| (p.via(l), l.share))
                             .map(|(p, share)| share.ln() + common(&p) - alpha * p.length_m()),
                     ),
                 };

@@ -80,8 +80,7 @@ impl OfCamera<'_> {
         if let Some(plane) = &done.plane {
             let rig = &self.survey.rig;
             let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
-            let altitude = plane.distance_m
-                - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+            let altitude = plane.camera_altitude_m(rig);
             let tilt = normal
                 .dot(&Direction::<Optical>::boresight().vector())
                 .clamp(-1.0, 1.0)
@@ -89,7 +88,7 @@ impl OfCamera<'_> {
                 .to_degrees();
             let seafloor = output::with_header(self.wire, &done.header)
                 .f64s(&[normal.x, normal.y, normal.z, altitude, altitude, tilt])
-                .u32(plane.hits as u32)
+                .u32(plane.returns as u32)
                 .f64s(&[plane.residual_m, plane.nearest_ping_s])
                 .text(plane.support.word());
             put(out, added.seafloor, &seafloor.finish());

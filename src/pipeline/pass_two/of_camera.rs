@@ -7,7 +7,7 @@ use crate::config::Config;
 use crate::correct::{Corrected, Correction, Frame};
 use crate::error::Result;
 use crate::geometry::{NoSeafloor, View};
-use crate::image::decode::{self, Light};
+use crate::image::decode::{self, CameraResponse};
 use crate::image::noise::Noise;
 use crate::image::transfer::SrgbTable;
 use crate::image::{Container, encode};
@@ -171,18 +171,19 @@ impl OfCamera<'_> {
                 return Err(Reason::Undecodable("no picture".into()));
             };
             let Survey { white_level, response, .. } = self.survey;
-            let light = Light {
+            let light = CameraResponse {
                 transfer: self.config.light.transfer,
                 white_level: *white_level,
                 response: response.as_ref(),
             };
             let picture = read(&value).map_err(Reason::Undecodable)?;
-            let codes = decode::codes_in(&picture, light, std::mem::take(&mut memory.codes))
-                .map_err(Reason::Undecodable)?;
+            let codes =
+                decode::read_pixels_with(&picture, light, std::mem::take(&mut memory.codes))
+                    .map_err(Reason::Undecodable)?;
             let (width, height, bands) = (codes.width, codes.height, codes.bands());
             let flat_field = self.survey.flat_field.as_ref();
             flat_field
-                .map_or(Ok(()), |flat| flat.ensure_fits(width, height))
+                .map_or(Ok(()), |flat| flat.check_size(width, height))
                 .map_err(|_sizes| Reason::WrongSize)?;
             if self.needs_preview() {
                 preview = Some(self.preview(&said, &codes, srgb).map_err(Reason::Unencodable)?);
@@ -195,7 +196,7 @@ impl OfCamera<'_> {
                 .map_err(|e| match e {
                     NoSeafloor::NoPing { .. } => Reason::NoPing,
                     NoSeafloor::NoReturn => Reason::NoReturn,
-                    NoSeafloor::Impossible => Reason::ImpossiblePlane,
+                    NoSeafloor::Implausible => Reason::ImpossiblePlane,
                 })?;
             plane = Some(found);
             let camera =
@@ -206,13 +207,13 @@ impl OfCamera<'_> {
                     self.model.bands
                 )));
             }
-            let relief = self.survey.pings.relief(stamp, &found, &self.survey.rig);
+            let terrain = self.survey.pings.terrain(stamp, &found, &self.survey.rig);
             let rectified = self.config.render.rectify.then(|| camera.rectified());
             let view = View {
                 camera: &camera,
                 rig: &self.survey.rig,
                 plane: &found,
-                relief: relief.as_ref(),
+                terrain: terrain.as_ref(),
             };
             let now = self.correction.model.at(stamp);
             let noise = Noise::of(&codes.coding, light, self.correction.electrons);
@@ -232,7 +233,7 @@ impl OfCamera<'_> {
                     .extend(row.iter().flat_map(|v| {
                         ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()
                     })),
-                _ => srgb.codes(row, &mut samples),
+                _ => srgb.encode_row(row, &mut samples),
             };
             let Corrected { mask, facts } =
                 Correction { model: &now, ..self.correction }.apply(&frame, take);
@@ -240,7 +241,7 @@ impl OfCamera<'_> {
                 return Err(Reason::OffSurface);
             }
             let subsampled = codes.coding.container == Container::Jpeg { subsampled: true };
-            memory.codes = codes.into_memory();
+            memory.codes = codes.into_buffer();
             let (width, height) = rectified.map_or((width, height), |c| (c.width, c.height));
             let shown = || -> std::result::Result<Shown, String> {
                 let png = |mask: Vec<u8>| encode::png(&mask, width, height, 1, 8);

@@ -3,10 +3,10 @@
 
 use nalgebra::{Isometry3, Point3, Rotation3, UnitQuaternion, Vector3};
 
-use crate::geometry::{SeafloorPlane, View};
-use crate::image::decode::Codes;
+use crate::geometry::{MIN_COS_INCIDENCE, SeafloorPlane, View};
+use crate::image::decode::PixelValues;
 use crate::image::encode;
-use crate::image::reduce::reduced;
+use crate::image::reduce::downscale;
 use crate::image::transfer::SrgbTable;
 use crate::messages::Header;
 use crate::messages::output::{self, ScenePoint};
@@ -54,7 +54,7 @@ impl Shown8<'_> {
         std::array::from_fn(|band| {
             let index = (y * self.width + x) * self.bands + band.min(self.bands - 1);
             match self.depth {
-                16 => self.srgb.code(
+                16 => self.srgb.encode(
                     f32::from(u16::from_ne_bytes([
                         self.samples[2 * index],
                         self.samples[2 * index + 1],
@@ -83,10 +83,10 @@ impl OfCamera<'_> {
     pub(super) fn preview(
         &self,
         header: &Header,
-        raw: &Codes<'_>,
+        raw: &PixelValues<'_>,
         srgb: &SrgbTable,
     ) -> Result<Vec<u8>, String> {
-        let small = reduced(raw, self.config.output.raw_preview_side_px);
+        let small = downscale(raw, self.config.output.raw_preview_side_px);
         let rendering = &self.file.rendering;
         let exposure = rendering
             .gain
@@ -95,7 +95,7 @@ impl OfCamera<'_> {
             .map(|(g, c)| g * c)
             .fold(f64::INFINITY, f64::min);
         let exposure = if exposure.is_finite() { exposure as f32 } else { 1.0 };
-        let samples: Vec<u8> = small.pixels.iter().map(|v| srgb.code(v * exposure)).collect();
+        let samples: Vec<u8> = small.pixels.iter().map(|v| srgb.encode(v * exposure)).collect();
         let jpeg = encode::jpeg(
             &samples,
             small.width,
@@ -123,7 +123,7 @@ impl OfCamera<'_> {
         let points: Vec<ScenePoint> = (0..down * across)
             .filter_map(|i| {
                 let (u, v) = (middle(i % across), middle(i / across));
-                let hit = (optical_from_body * view.seafloor_point(u, v)?.hit).vector();
+                let hit = (optical_from_body * view.seafloor_point(u, v)?.position).vector();
                 let rgb = image.at(
                     (u.round() as usize).min(image.width - 1),
                     (v.round() as usize).min(image.height - 1),
@@ -148,8 +148,7 @@ impl OfCamera<'_> {
     pub(super) fn seafloor_transform(&self, header: &Header, plane: &SeafloorPlane) -> Vec<u8> {
         let rig = &self.survey.rig;
         let normal = (rig.body_from_optical.inverse() * plane.normal).vector();
-        let altitude =
-            plane.distance_m - plane.normal.vector().dot(&rig.body_from_optical.origin().vector());
+        let altitude = plane.camera_altitude_m(rig);
         // z up, and x as near to the pictures' right as lies in the plane.
         let right = if normal.x.abs() < 0.99 { Vector3::x() } else { Vector3::y() };
         let y = (-normal).cross(&right);
@@ -181,7 +180,7 @@ impl OfCamera<'_> {
             let towards = plane.normal.vector().dot(&along);
             let reach_m = (plane.distance_m - plane.normal.vector().dot(&from)) / towards;
             // A lamp that looks along the floor, or away from it, is drawn this long [m].
-            let reach_m = if towards > 0.05 && reach_m > 0.0 { reach_m } else { 1.0 };
+            let reach_m = if towards > MIN_COS_INCIDENCE && reach_m > 0.0 { reach_m } else { 1.0 };
             points.extend((0..=BEAM_STEPS).map(|i| {
                 let at = optical_from_body
                     * Point3::from(from + along * (reach_m * f64::from(i) / f64::from(BEAM_STEPS)));

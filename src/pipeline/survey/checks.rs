@@ -35,7 +35,7 @@ pub fn nearest_calibration(
         |other: &str| other.split('/').zip(topic.split('/')).take_while(|(a, b)| a == b).count();
     let of_log = scan.channels.iter().filter_map(|(id, c)| {
         let name = &recording.channels.get(id)?.topic;
-        Some((std::cmp::Reverse(shared(name)), name, c.camera?.for_picture(picture)?))
+        Some((std::cmp::Reverse(shared(name)), name, c.camera?.for_image_size(picture)?))
     });
     of_log.min_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1))).map(|(_, _, camera)| camera)
 }

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::geometry::View;
 use crate::image::LinearImage;
 use crate::pipeline::bench::{Bench, BenchFrame};
-use crate::products::pictures::reduced;
+use crate::products::pictures::downscale;
 use crate::vehicle::{Camera, Rig};
 
 /// Pixels of a strip, at most, and of its longer side.
@@ -39,7 +39,7 @@ impl Grid {
         let (mut low, mut high, mut finest) =
             ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], Vec::new());
         for frame in laid {
-            let view = View { camera: &rig.camera, rig, plane: &frame.plane, relief: None };
+            let view = View { camera: &rig.camera, rig, plane: &frame.plane, terrain: None };
             let altitude_m = view.camera_altitude_m();
             finest.push(altitude_m / rig.camera.fx);
             let at = |i: usize, n: usize| i as f64 / EDGE as f64 * (n - 1) as f64;
@@ -51,7 +51,8 @@ impl Grid {
                     continue;
                 };
                 if sighted.seafloor_to_camera_m <= REACH * altitude_m {
-                    let p = frame.world_from_body * nalgebra::Point3::from(sighted.hit.vector());
+                    let p =
+                        frame.world_from_body * nalgebra::Point3::from(sighted.position.vector());
                     (low, high) =
                         ([low[0].min(p.x), low[1].min(p.y)], [high[0].max(p.x), high[1].max(p.y)]);
                 }
@@ -176,7 +177,7 @@ fn patch(
     // Where pixels of the mosaic are coarser, the frame is averaged down to them first.
     let block = ((grid.m_per_px * frame.camera.fx / altitude_m) as usize).max(1);
     let longest = light.width.max(light.height);
-    let small = reduced(&light, longest.div_ceil(block));
+    let small = downscale(&light, longest.div_ceil(block));
     let block = (longest as f64 / small.width.max(small.height) as f64).floor().max(1.0);
     let (pose, normal, distance) = (
         laid.world_from_body,
@@ -214,7 +215,7 @@ fn patch(
         else {
             continue;
         };
-        let p = pose * nalgebra::Point3::from(sighted.hit.vector());
+        let p = pose * nalgebra::Point3::from(sighted.position.vector());
         let (x, y) = grid.pixel([p.x, p.y]);
         (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x), high.1.max(y)));
     }

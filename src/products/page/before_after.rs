@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::dive::{CameraLog, CorrectedLog, messages_of};
-use super::super::pictures::{codes, codes_as_shown, exposure, jpeg_uri, reduced};
+use super::super::pictures::{codes, codes_as_shown, downscale, exposure, jpeg_uri};
 use super::{Figure, SHOWN_SIDE, Seen};
 use crate::image::LinearImage;
-use crate::image::decode::{Light, decode};
+use crate::image::decode::{CameraResponse, decode};
 use crate::messages::Kind;
-use crate::plot::escaped;
+use crate::plot::escape_markup;
 use crate::recording::Window;
 
 /// Quality of a shown JPEG.
@@ -52,7 +52,7 @@ pub fn figure(
         Ok(slider(&frames.concat(), count, place, !raw.is_empty()))
     };
     let caption = if raw.is_empty() {
-        format!("Corrected frames alone: {}.", escaped(no_raw))
+        format!("Corrected frames alone: {}.", escape_markup(no_raw))
     } else {
         format!(
             "Left of the line as recorded, right of it corrected. All raw frames are brightened \
@@ -68,7 +68,7 @@ fn frame_html(
     after: &str,
     (width, height): (usize, usize),
 ) -> String {
-    let title = escaped(title);
+    let title = escape_markup(title);
     let size = format!("width=\"{width}\" height=\"{height}\"");
     let before = before.map_or_else(String::new, |uri| {
         format!("<img class=\"before\" {size} alt=\"as recorded, {title}\" src=\"{uri}\">")
@@ -127,8 +127,8 @@ fn corrected_pictures(
         else {
             continue;
         };
-        if let Ok(picture) = read(&value).and_then(|p| decode(&p, Light::default())) {
-            found.insert(message.log_time, reduced(&picture.image.into_bands(), SHOWN_SIDE));
+        if let Ok(picture) = read(&value).and_then(|p| decode(&p, CameraResponse::default())) {
+            found.insert(message.log_time, downscale(&picture.image.into_demosaiced(), SHOWN_SIDE));
         }
     }
     found

@@ -8,7 +8,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use super::super::dive::{CameraLog, CorrectedLog};
 use super::remedies::remedy;
 use crate::model::ModelFile;
-use crate::plot::escaped;
+use crate::plot::escape_markup;
 use crate::units::Stamp;
 
 /// Ends of a 95 % interval lie this many standard deviations away.
@@ -29,12 +29,12 @@ pub fn band_names(bands: usize) -> &'static [&'static str] {
 
 /// All words about a camera.
 pub fn section(log: &CorrectedLog, camera: &CameraLog, number: usize, place: &str) -> String {
-    let source = escaped(camera.fact("source"));
+    let source = escape_markup(camera.fact("source"));
     let heading = if number == 0 {
         format!(
             "<header><h1>{source}</h1><p class=\"sub\">What <b>unwater</b> {} did to this \
              dive</p>{}</header>",
-            escaped(camera.fact("version")),
+            escape_markup(camera.fact("version")),
             contents(log)
         )
     } else {
@@ -44,7 +44,7 @@ pub fn section(log: &CorrectedLog, camera: &CameraLog, number: usize, place: &st
     let name = if several {
         format!(
             "<h2 class=\"camera\" id=\"camera-{number}\">Camera {}</h2>",
-            escaped(camera.fact("camera_topic"))
+            escape_markup(camera.fact("camera_topic"))
         )
     } else {
         String::new()
@@ -67,7 +67,7 @@ fn contents(log: &CorrectedLog) -> String {
     let link = |(number, camera): (usize, &CameraLog)| {
         format!(
             "<li><a href=\"#camera-{number}\">{}</a></li>",
-            escaped(camera.fact("camera_topic"))
+            escape_markup(camera.fact("camera_topic"))
         )
     };
     format!(
@@ -169,7 +169,7 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     ));
     let rows: String = rows
         .iter()
-        .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value)))
+        .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape_markup(value)))
         .collect();
     let damage: Vec<String> =
         report.damage.iter().map(|d| format!("{} (byte {})", d.reason, d.offset)).collect();
@@ -223,9 +223,9 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
         (why, _) => {
             let why = why.clone().unwrap_or_else(|| "the log cannot tell it".into());
             let helps = remedy(&why).map_or_else(String::new, |r| {
-                format!(" <span class=\"remedy\">{}</span>", escaped(r))
+                format!(" <span class=\"remedy\">{}</span>", escape_markup(r))
             });
-            format!("<p class=\"no\"><b>Not identified</b>: {}.{helps}</p>", escaped(&why))
+            format!("<p class=\"no\"><b>Not identified</b>: {}.{helps}</p>", escape_markup(&why))
         }
     };
     format!(
@@ -234,7 +234,7 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
          [1/m]</th><th scope=\"col\">95 % interval \
          [1/m]</th></tr></thead><tbody>{rows}</tbody></table></div><p>{kind} The {} estimator's \
          answer.</p>{}</section>\n",
-        escaped(&model.estimator),
+        escape_markup(&model.estimator),
         estimators(model)
     )
 }
@@ -252,11 +252,11 @@ fn estimators(model: &ModelFile) -> String {
         format!(
             "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{residual}</td><td \
              class=\"words\">{}</td></tr>",
-            escaped(name),
+            escape_markup(name),
             three(&answer.attenuation_per_m),
             three(&answer.attenuation_std_per_m),
             answer.observations,
-            escaped(note)
+            escape_markup(note)
         )
     };
     let rows: String = model.estimators.iter().map(row).collect();
@@ -278,9 +278,10 @@ fn warnings(camera: &CameraLog) -> String {
         .filter(|w| !w.starts_with("attenuation is not identified"))
         .collect();
     let item = |sentence: &&String| {
-        let helps = remedy(sentence)
-            .map_or_else(String::new, |r| format!(" <span class=\"remedy\">{}</span>", escaped(r)));
-        format!("<li>{}.{helps}</li>", escaped(sentence))
+        let helps = remedy(sentence).map_or_else(String::new, |r| {
+            format!(" <span class=\"remedy\">{}</span>", escape_markup(r))
+        });
+        format!("<li>{}.{helps}</li>", escape_markup(sentence))
     };
     let body = if warnings.is_empty() {
         "<p>None.</p>".to_string()
@@ -288,7 +289,7 @@ fn warnings(camera: &CameraLog) -> String {
         format!("<ul>{}</ul>", warnings.iter().map(item).collect::<String>())
     };
     let remarks: String =
-        camera.report.remarks.iter().map(|r| format!("<li>{}</li>", escaped(r))).collect();
+        camera.report.remarks.iter().map(|r| format!("<li>{}</li>", escape_markup(r))).collect();
     let remarks = if remarks.is_empty() {
         String::new()
     } else {
@@ -318,9 +319,9 @@ fn uncorrected(camera: &CameraLog) -> String {
             "<tr><td>{}</td><td class=\"words\">{}</td><td class=\"words\">{}</td><td \
              class=\"words\">{}</td></tr>",
             stamps.len(),
-            escaped(reason),
-            escaped(&times.join(", ")),
-            escaped(helps)
+            escape_markup(reason),
+            escape_markup(&times.join(", ")),
+            escape_markup(helps)
         )
     };
     let rows: String = by_reason.iter().map(row).collect();
@@ -336,7 +337,7 @@ pub fn settings(log: &CorrectedLog, camera: &CameraLog, number: usize) -> String
     if number + 1 < log.cameras.len() {
         return String::new();
     }
-    let text = escaped(camera.fact("configuration"));
+    let text = escape_markup(camera.fact("configuration"));
     format!(
         "<section><h2>Settings</h2><details><summary>All settings of the run, with unit and \
          reason</summary><pre>{text}</pre></details></section>\n"
@@ -349,6 +350,6 @@ fn list(title: &str, sentences: &[String]) -> String {
     }
     format!(
         "<h3>{title}</h3><ul>{}</ul>",
-        sentences.iter().map(|s| format!("<li>{}</li>", escaped(s))).collect::<String>()
+        sentences.iter().map(|s| format!("<li>{}</li>", escape_markup(s))).collect::<String>()
     )
 }

@@ -46,13 +46,13 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
             "fewer than two raw frames can be read".into()
         })
     } else {
-        let x = Axis::around("camera above the floor [m]", frames.iter().map(|s| s.altitude_m));
-        let y = Axis::around(
+        let x = Axis::fitting("camera above the floor [m]", frames.iter().map(|s| s.altitude_m));
+        let y = Axis::fitting(
             "ln of channel mean",
             frames.iter().flat_map(|s| s.mean_light[..s.bands].iter().map(|v| v.ln())),
         );
         let ends = [x.from, x.to];
-        let mut plot = Plot::usual("Log channel mean against altitude, per band", x, y);
+        let mut plot = Plot::standard("Log channel mean against altitude, per band", x, y);
         if let Some(farthest) = answer.and_then(|a| a.details.get("farthest_m")) {
             plot.shade(0.0, farthest / 2.0);
             caption += &format!(
@@ -95,18 +95,18 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
                  says {}. The run used the {} estimator.",
                 joined(u.iter().copied()),
                 joined(a.iter().copied()),
-                crate::plot::escaped(&camera.model.estimator)
+                crate::plot::escape_markup(&camera.model.estimator)
             ),
             _ => {
                 let why = answer.and_then(|a| a.note.as_deref()).unwrap_or("no answer");
                 format!(
                     " Lines: least squares through these points, where altitude varies. The \
                      altitude estimator has no answer: {}.",
-                    crate::plot::escaped(why)
+                    crate::plot::escape_markup(why)
                 )
             }
         };
-        Ok(plot.finished(&format!("{place}plot-means")))
+        Ok(plot.into_svg(&format!("{place}plot-means")))
     };
     Figure::of("channel-means", "Log channel means against altitude (Fig. 6)", body, &caption)
 }
@@ -162,13 +162,13 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
     let means_after: Vec<Option<f64>> =
         (0..3).map(|b| answer.attenuation_per_m.as_ref().and_then(|a| a.get(b).copied())).collect();
     let means = means_before.iter().chain(&means_after).take(6).filter_map(|m| *m);
-    let range = Axis::around("", [at(0.05), at(0.95), 0.0].into_iter().chain(means));
+    let range = Axis::fitting("", [at(0.05), at(0.95), 0.0].into_iter().chain(means));
     let mut body = String::new();
     for (before, heading, means) in [
         (true, "before: the beam taken as even", &means_before[..]),
         (false, "after: the beam pattern known", &means_after[..]),
     ] {
-        let x = Axis::around(
+        let x = Axis::fitting(
             "time since the first frame [s]",
             images.iter().map(|i| seconds(i.stamp_ns)),
         );
@@ -193,7 +193,7 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
         }
         body += &format!(
             "<p class=\"which\">{heading}</p>{}",
-            plot.finished(&format!(
+            plot.into_svg(&format!(
                 "{place}plot-pairs-{}",
                 if before { "before" } else { "after" }
             ))
@@ -208,7 +208,7 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
         images.len(),
         answer.observations,
         all.len(),
-        crate::plot::escaped(&camera.model.estimator)
+        crate::plot::escape_markup(&camera.model.estimator)
     );
     Figure::of("pairs", title, Ok(body), &caption)
 }
@@ -265,8 +265,8 @@ pub fn beam_pattern(camera: &CameraLog, place: &str) -> Figure {
         from: 0.0,
         to: if high_gain < 0.6 { high_gain } else { 1.0 },
     };
-    let mut plot =
-        Plot::new("Beam pattern over two angles, in colour", x, y, field).with_bar(Ramp::Warm, bar);
+    let mut plot = Plot::new("Beam pattern over two angles, in colour", x, y, field)
+        .with_bar(Ramp::Plasma, bar);
     for (i, j) in known.iter().filter(|(i, j)| i % stride == 0 && j % stride == 0) {
         let (theta, phi) = (beam.theta_deg[*i], beam.phi_deg[*j]);
         let gain = seen(*i, *j).map(f64::exp);
@@ -286,7 +286,7 @@ pub fn beam_pattern(camera: &CameraLog, place: &str) -> Figure {
         100.0 - share,
         beam.theta_deg.last().copied().unwrap_or_default()
     );
-    Figure::of("beam-pattern", title, Ok(plot.finished(&format!("{place}plot-beam"))), &caption)
+    Figure::of("beam-pattern", title, Ok(plot.into_svg(&format!("{place}plot-beam"))), &caption)
 }
 
 /// α along the dive, where it changes.
@@ -303,13 +303,13 @@ pub fn attenuation_over_time(camera: &CameraLog, place: &str) -> Option<Figure> 
         (alpha, NINETY_FIVE * std)
     };
     let x =
-        Axis::around("time since the first node [s]", nodes.iter().map(|n| seconds(n.stamp_ns)));
+        Axis::fitting("time since the first node [s]", nodes.iter().map(|n| seconds(n.stamp_ns)));
     let values = nodes
         .iter()
         .flat_map(|n| (0..bands).map(move |b| ends(n, b)))
         .flat_map(|(a, e)| [a - e, a + e]);
     let mut plot =
-        Plot::usual("Attenuation along the dive, per band", x, Axis::around("α [1/m]", values));
+        Plot::standard("Attenuation along the dive, per band", x, Axis::fitting("α [1/m]", values));
     for (b, (class, shape)) in looks(bands).iter().enumerate() {
         let curve = |sign: f64| {
             nodes
@@ -336,7 +336,7 @@ pub fn attenuation_over_time(camera: &CameraLog, place: &str) -> Option<Figure> 
     Some(Figure::of(
         "over-time",
         "Attenuation along the dive",
-        Ok(plot.finished(&format!("{place}plot-over-time"))),
+        Ok(plot.into_svg(&format!("{place}plot-over-time"))),
         caption,
     ))
 }

@@ -15,13 +15,13 @@ mod track;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::dive::{CameraLog, CorrectedLog, Pictures};
-use super::pictures::reduced;
+use super::pictures::downscale;
 use super::places::Places;
 use crate::error::Result;
 use crate::image::LinearImage;
 use crate::pipeline::Options;
 use crate::pipeline::bench::Bench;
-use crate::plot::escaped;
+use crate::plot::escape_markup;
 use crate::recording::Window;
 
 /// Frames whose channel means are taken (Fig. 6); more make the figure no clearer.
@@ -58,15 +58,15 @@ impl Figure {
                 "<figure id=\"{id}\" data-figure=\"{}\"><h3>{}</h3>{body}<output class=\"read\" \
                  aria-live=\"polite\"></output><figcaption>{}</figcaption></figure>\n",
                 self.id,
-                escaped(&self.title),
+                escape_markup(&self.title),
                 self.caption
             ),
             Err(why) => format!(
                 "<section id=\"{id}\" data-figure=\"{}\" class=\"missing\"><h3>{}</h3><p>Not \
                  shown: {}.</p></section>\n",
                 self.id,
-                escaped(&self.title),
-                escaped(why)
+                escape_markup(&self.title),
+                escape_markup(why)
             ),
         }
     }
@@ -105,7 +105,7 @@ pub fn page(log: &CorrectedLog, options: &Options) -> Result<String> {
          href=\"data:,\">\n<title>{} · \
          unwater</title>\n<style>\n{}</style>\n</head>\n<body>\n<main>\n{body}</main>\n<script>\n\
          {}</script>\n</body>\n</html>\n",
-        escaped(title),
+        escape_markup(title),
         include_str!("style.css"),
         include_str!("script.js"),
     ))
@@ -206,7 +206,7 @@ fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Result<Vec<
             bands: frame.image.bands(),
             raw: shown
                 .contains(&frame.log_time)
-                .then(|| reduced(&frame.image.clone().into_bands(), SHOWN_SIDE)),
+                .then(|| downscale(&frame.image.clone().into_demosaiced(), SHOWN_SIDE)),
             stages: (staged == Some(frame.log_time)).then(|| stages.of(bench, &frame)),
         },
         |frame| seen.push(frame),

@@ -4,13 +4,13 @@
 //! All through the library's own correction. What takes no water away keeps its blue-green cast:
 //! raw and beam pattern alone get no white balance, the other two the balance of the whole log.
 
-use super::super::pictures::{codes, exposure, jpeg_uri, reduced};
+use super::super::pictures::{codes, downscale, exposure, jpeg_uri};
 use super::Figure;
 use crate::config::{Method, WhiteBalance};
 use crate::image::LinearImage;
 use crate::model::ScatterTable;
 use crate::pipeline::bench::{Bench, BenchFrame};
-use crate::plot::escaped;
+use crate::plot::escape_markup;
 
 /// Longest side of a stage [px].
 const SIDE: usize = 560;
@@ -33,7 +33,7 @@ impl Stages {
         if lit.is_empty() {
             return Err("no part of the frame is lit by the strobe as the model has it".into());
         }
-        let raw = frame.image.clone().into_bands();
+        let raw = frame.image.clone().into_demosaiced();
         let balance = balance_of(&bench.file.rendering.gain);
         let stage = |method, white_balance, glow: &Option<ScatterTable>| {
             let rendering = bench.rendering(&lit, method, white_balance);
@@ -52,7 +52,7 @@ impl Stages {
         ];
         let mut html = String::from("<div class=\"four\">");
         for (name, image) in &pictures {
-            let small = reduced(image, SIDE);
+            let small = downscale(image, SIDE);
             let is_both = *name == pictures[3].0;
             // Both is as the log has it; the others are brought to where they can be looked at.
             let factor = if is_both { 1.0 } else { exposure(std::iter::once(&small)) };
@@ -75,7 +75,7 @@ fn balance_of(gain: &[f64]) -> WhiteBalance {
 
 fn tile(name: &str, image: &LinearImage, factor: f32) -> Result<String, String> {
     let uri = jpeg_uri(&codes(image, factor), image.width, image.height, image.bands, QUALITY)?;
-    let name = escaped(name);
+    let name = escape_markup(name);
     Ok(format!(
         "<div><img width=\"{}\" height=\"{}\" alt=\"{name}\" src=\"{uri}\"><p \
          class=\"which\">{name}</p></div>",

@@ -6,7 +6,7 @@ use super::super::places::{Places, east_north, fix_at, placed};
 use super::Figure;
 use super::facts::time_of;
 use crate::pipeline::bench::Bench;
-use crate::plot::{Axis, Plot, Ramp, Shape, escaped};
+use crate::plot::{Axis, Plot, Ramp, Shape, escape_markup};
 
 /// Points of a track, at most; thinned evenly.
 const MOST_POINTS: usize = 1500;
@@ -126,13 +126,13 @@ fn figure(quantity: &Quantity, frames: &[&FrameRecord], way: Option<&Way>, place
         let (x, y) = equal_axes(way);
         let field = field_of(&x, &y);
         let mut plot = Plot::new(&seen_from_above, x, y, field)
-            .with_bar(Ramp::Cool, Axis::around(quantity.label, values.iter().copied()));
+            .with_bar(Ramp::Viridis, Axis::fitting(quantity.label, values.iter().copied()));
         let line: Vec<(f64, f64)> =
             way.at.iter().map(|p| p.map_or((f64::NAN, f64::NAN), |[x, y]| (x, y))).collect();
         plot.line("way", &line);
         for ((frame, value), at) in frames.iter().zip(&values).zip(&way.at) {
             if let Some([x, y]) = at {
-                plot.colored(
+                plot.colored_point(
                     (*x, *y),
                     *value,
                     &format!("{}; at {x:.2}, {y:.2} m", says(frame, *value)),
@@ -142,17 +142,17 @@ fn figure(quantity: &Quantity, frames: &[&FrameRecord], way: Option<&Way>, place
         let caption = format!(
             "One point a frame, where the camera was, seen from above: {}. Places from {}.{grey}",
             quantity.means,
-            escaped(&way.source)
+            escape_markup(&way.source)
         );
-        return Figure::of(quantity.id, &seen_from_above, Ok(plot.finished(&id)), &caption);
+        return Figure::of(quantity.id, &seen_from_above, Ok(plot.into_svg(&id)), &caption);
     }
     let start = frames.first().map_or(frames[0].stamp, |f| f.stamp);
     let seconds = |f: &FrameRecord| f.stamp.seconds_since(start);
-    let x = Axis::around("time since the first frame [s]", frames.iter().map(|f| seconds(f)));
+    let x = Axis::fitting("time since the first frame [s]", frames.iter().map(|f| seconds(f)));
     let mut plot = Plot::new(
         &along_time,
         x,
-        Axis::around(quantity.label, values.iter().copied()),
+        Axis::fitting(quantity.label, values.iter().copied()),
         (450.0, 190.0),
     );
     plot.line(
@@ -167,13 +167,13 @@ fn figure(quantity: &Quantity, frames: &[&FrameRecord], way: Option<&Way>, place
          position, and no velocity with an attitude.",
         quantity.means
     );
-    Figure::of(quantity.id, &along_time, Ok(plot.finished(&id)), &caption)
+    Figure::of(quantity.id, &along_time, Ok(plot.into_svg(&id)), &caption)
 }
 
 /// Axes of one scale around all places.
 fn equal_axes(way: &Way) -> (Axis, Axis) {
     let of = |k: usize| way.at.iter().flatten().map(move |p| p[k]);
-    let (mut x, mut y) = (Axis::around(way.labels[0], of(0)), Axis::around(way.labels[1], of(1)));
+    let (mut x, mut y) = (Axis::fitting(way.labels[0], of(0)), Axis::fitting(way.labels[1], of(1)));
     // A straight leg still needs a field that has both sides.
     let least = 0.35 * (x.to - x.from).max(y.to - y.from).max(0.2);
     for axis in [&mut x, &mut y] {

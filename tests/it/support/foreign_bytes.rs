@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use unwater::config::Config;
 use unwater::image::EncodedImage;
-use unwater::image::decode::{Light, decode, describe, grey16, size};
+use unwater::image::decode::{CameraResponse, decode, describe, grey16, size};
 use unwater::messages::{Decoder, Kind, header};
 use unwater::model::ModelFile;
 use unwater::pipeline::survey::Selection;
@@ -78,9 +78,9 @@ pub fn exercise(decoder: &Decoder, data: &[u8]) {
     match decoder.message_type.kind {
         Kind::Image(read) => {
             if let Ok(picture) = read(&value)
-                && let Ok(decoded) = decode(&picture, Light::default())
+                && let Ok(decoded) = decode(&picture, CameraResponse::default())
             {
-                let _bands = decoded.image.into_bands();
+                let _bands = decoded.image.into_demosaiced();
             }
         }
         Kind::CameraInfo(read) => {
@@ -182,8 +182,10 @@ fn raw_picture(bytes: &[u8]) {
         data: &bytes[end + 1..],
     };
     let _line = (describe(&picture), size(&picture));
-    if let Ok(decoded) = decode(&picture, Light { white_level: Some(4095), ..Light::default() }) {
-        let _bands = decoded.image.into_bands();
+    if let Ok(decoded) =
+        decode(&picture, CameraResponse { white_level: Some(4095), ..CameraResponse::default() })
+    {
+        let _bands = decoded.image.into_demosaiced();
     }
 }
 
@@ -193,8 +195,8 @@ fn picture_file(bytes: &[u8]) {
     let Ok(format) = std::str::from_utf8(&bytes[..end]) else { return };
     let picture = EncodedImage::Compressed { format, data: &bytes[end + 1..] };
     let _line = (describe(&picture), size(&picture));
-    if let Ok(decoded) = decode(&picture, Light::default()) {
-        let _bands = decoded.image.into_bands();
+    if let Ok(decoded) = decode(&picture, CameraResponse::default()) {
+        let _bands = decoded.image.into_demosaiced();
     }
     drop(grey16(&bytes[end + 1..]));
 }

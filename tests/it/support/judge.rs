@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use unwater::image::LinearImage;
-use unwater::image::decode::{Light, decode};
+use unwater::image::decode::{CameraResponse, decode};
 use unwater::messages::{Decoder, Kind};
 use unwater::model::ModelFile;
 use unwater::pipeline::{Options, Silent, correct};
@@ -82,8 +82,12 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
                     .unwrap();
             let value = decoder.read(message.data()).unwrap();
             let Kind::Image(read) = decoder.message_type.kind else { panic!("no picture") };
-            pictures
-                .push(decode(&read(&value).unwrap(), Light::default()).unwrap().image.into_bands());
+            pictures.push(
+                decode(&read(&value).unwrap(), CameraResponse::default())
+                    .unwrap()
+                    .image
+                    .into_demosaiced(),
+            );
         }
     }
     pictures

@@ -6,7 +6,7 @@ use std::path::Path;
 use libtest_mimic::Failed;
 use unwater::config::{Config, SeafloorConfig};
 use unwater::coordinates::Transform;
-use unwater::geometry::Pings;
+use unwater::geometry::SeafloorEstimator;
 use unwater::messages::{Decoder, Kind};
 use unwater::vehicle::{AttitudeTrack, Camera, DvlFacts, Ping, Rig, StrobeMount};
 
@@ -36,7 +36,7 @@ fn plane(ping: Ping) -> Option<(f64, f64)> {
         seafloor: SeafloorConfig { least_altitude_m: 0.0, ..SeafloorConfig::default() },
         ..Config::default()
     };
-    let plane = Pings::new(vec![ping], AttitudeTrack::default())
+    let plane = SeafloorEstimator::new(vec![ping], AttitudeTrack::default())
         .seafloor(stamp, &rig, &config.seafloor)
         .ok()?;
     Some((plane.distance_m / plane.normal.vector().z, plane.distance_m))

@@ -27,13 +27,13 @@ struct Packed {
 /// Pings, packed: 56 bytes each and 8 for each beam, where one with four beams takes 240 and more
 /// otherwise.
 #[derive(Clone, Debug, Default)]
-pub struct PingLog {
+pub struct PingStore {
     pings: Vec<Packed>,
     ranges_m: Vec<f64>,
     directions: Vec<Direction<Dvl>>,
 }
 
-impl PingLog {
+impl PingStore {
     /// Sorts and packs them.
     pub fn new(mut pings: Vec<Ping>) -> Self {
         pings.sort_by_key(|p| p.stamp);
@@ -156,7 +156,7 @@ mod tests {
             four(2),
             four(9),
         ];
-        let log = PingLog::new(all.clone());
+        let log = PingStore::new(all.clone());
         all.sort_by_key(|p| p.stamp);
         assert_eq!(log.iter().collect::<Vec<_>>(), all);
         assert_eq!(log.directions.len(), 5, "four beams' once, and one's");

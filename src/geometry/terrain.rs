@@ -16,7 +16,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::SeafloorPlane;
-use super::ping_log::PingLog;
+use super::ping_store::PingStore;
 use crate::coordinates::{Body, Point};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
@@ -55,7 +55,7 @@ pub struct Way(Vec<(u32, Vector3<f64>)>);
 
 impl Way {
     /// Adds up the pings' velocities; a new stretch begins wherever one is missing.
-    pub fn of(pings: &PingLog, attitude: &AttitudeTrack, rig: &Rig) -> Self {
+    pub fn of(pings: &PingStore, attitude: &AttitudeTrack, rig: &Rig) -> Self {
         let velocity = |p: &Ping| {
             Some(
                 attitude.world_from_body(p.stamp)?
@@ -82,7 +82,7 @@ impl Way {
     }
 
     /// The place at a moment between two pings of one stretch.
-    pub fn at(&self, pings: &PingLog, stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
+    pub fn at(&self, pings: &PingStore, stamp: Stamp) -> Option<(u32, Vector3<f64>)> {
         let after = pings.before(Stamp(stamp.0.saturating_add(1))).min(pings.len().checked_sub(1)?);
         let (a, b) = (after.checked_sub(1)?, after);
         if pings.stamp(b) < stamp {
@@ -134,7 +134,7 @@ impl Axes {
 
 /// Heights over a frame's plane.
 #[derive(Clone, Debug)]
-pub struct Relief {
+pub struct Terrain {
     axes: Axes,
     /// nodes, v major: height [m] and its slopes along u and v
     nodes: Vec<[f64; 3]>,
@@ -143,7 +143,7 @@ pub struct Relief {
 
 /// All hits around a moment, as heights over its plane.
 pub fn heights(
-    pings: &PingLog,
+    pings: &PingStore,
     way: &Way,
     attitude: &AttitudeTrack,
     stamp: Stamp,
@@ -170,7 +170,7 @@ pub fn heights(
             _ => None,
         };
         let turn = attitude
-            .turn(stamp, ping.stamp)
+            .rotation_between(stamp, ping.stamp)
             .or_else(|| (Some(i) == nearest).then(Default::default));
         let (Some(moved), Some(turn)) = (moved, turn) else { continue };
         for (b, beam) in ping.beams.iter().enumerate() {
@@ -241,7 +241,7 @@ impl Process {
     }
 }
 
-impl Relief {
+impl Terrain {
     /// Heights from hits; `None` where there are too few.
     pub fn new(hits: Vec<Height>, plane: &SeafloorPlane, rig: &Rig) -> Option<Self> {
         if hits.len() < MANY_RETURNS {
