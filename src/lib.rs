@@ -5,6 +5,7 @@ pub mod coordinates;
 pub mod diagnostics;
 pub mod error;
 pub mod parallel;
+pub mod stats;
 pub mod units;
 
 pub mod image;

@@ -10,10 +10,10 @@
 
 use std::collections::BTreeMap;
 
-use super::robust;
 use super::samples::{FrameSamples, Sample};
 use crate::geometry::LightPath;
 use crate::image::Bands;
+use crate::stats;
 
 /// Cells seen in fewer frames have no slope.
 const LEAST_FRAMES: usize = 5;
@@ -59,7 +59,7 @@ pub fn attenuation(
         }
     }
     let lengths: Vec<f64> = cells.values().flatten().map(|c| c.length_m).collect();
-    let farthest_m = robust::quantile(&lengths, 0.6);
+    let farthest_m = stats::quantile(&lengths, 0.6);
     let mut answer = AltitudeAnswer { farthest_m, ..AltitudeAnswer::default() };
     answer.effective_by_channel_means_per_m = channel_means(frames, bands)?;
 
@@ -98,8 +98,8 @@ pub fn attenuation(
                     / bands as f64
             })
             .collect();
-        answer.residual = robust::scale(&misfits);
-        weights = misfits.iter().map(|e| robust::cauchy(*e, answer.residual)).collect();
+        answer.residual = stats::scale(&misfits);
+        weights = misfits.iter().map(|e| stats::cauchy(*e, answer.residual)).collect();
     }
     answer.observations = rows.len();
     // What a frame gets wrong it gets wrong in all its cells: the spread comes from leaving out

@@ -13,13 +13,13 @@ use std::cell::LazyCell;
 
 use super::candidates::completed;
 use super::joint::{JointAnswer, LEAST_DIRECT_SHARE, Problem, Setting};
-use super::robust;
 use super::samples::{FrameSamples, Sample};
 use super::tracks::{Observation, Track};
 use super::{Samples, held_out};
 use crate::config::Switch;
 use crate::image::Bands;
 use crate::model::{Backscatter, Frustum, ScatterIntegral, ScatterTable};
+use crate::stats;
 
 const STEPS: usize = 12;
 const ROUNDS_PER_STEP: usize = 4;
@@ -190,7 +190,7 @@ pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<BackscatterF
                 / f64::from(o.sample.log_color[b]).exp()
         };
         found.share[b] =
-            robust::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
+            stats::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
     }
     let is_there = match setting.config.backscatter {
         Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),

@@ -5,7 +5,6 @@ use super::altitude_slope;
 use super::angular_bins;
 use super::joint;
 use super::pairs;
-use super::robust;
 use super::samples::{FrameSamples, Sample};
 use super::tracks::{Observation, Track};
 use crate::config::{EstimateConfig, Spreading};
@@ -15,6 +14,7 @@ use crate::model::{
     AttenuationOverTime, BeamGrid, BeamPattern, EstimatorAnswer, ImageAnswer, ImagingModel,
     ScatterIntegral, SpreadingModel, TimeNode, log_geometry,
 };
+use crate::stats;
 use crate::units::Stamp;
 
 /// Samples and grid → an answer, or a sentence why there is none.
@@ -282,7 +282,7 @@ fn low_answer(
     setting: &joint::Setting<'_>,
 ) -> Option<joint::JointAnswer> {
     let altitudes: Vec<f64> = samples.frames.iter().map(|f| f.camera_altitude_m).collect();
-    let middle = robust::median(&altitudes);
+    let middle = stats::median(&altitudes);
     let low: Vec<Track> = tracks
         .iter()
         .map(|t| {
@@ -324,7 +324,7 @@ pub fn completed(
     )
     .by_node();
     let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
-    let level = robust::median(&steps);
+    let level = stats::median(&steps);
     let values: Vec<Option<f64>> = beam
         .iter()
         .zip(&bins)

@@ -6,8 +6,9 @@
 
 use super::joint::{Drift, Setting};
 use super::tracks::Observation;
-use super::{Samples, held_out, robust};
+use super::{Samples, held_out};
 use crate::config::Switch;
+use crate::stats;
 use crate::units::Stamp;
 
 /// Frames that a node needs.
@@ -65,7 +66,7 @@ fn altitude_recurs(samples: &Samples<'_>) -> bool {
 
 /// How many times a height goes through its range.
 fn travels(heights: &[f64]) -> f64 {
-    let span = robust::quantile(heights, 0.95) - robust::quantile(heights, 0.05);
+    let span = stats::quantile(heights, 0.95) - stats::quantile(heights, 0.05);
     // The height follows slowly, as a gear with play does.
     let play = LEAST_TURN / 2.0 * span;
     let mut at = heights.first().copied().unwrap_or_default();
@@ -91,7 +92,7 @@ fn nodes(samples: &Samples<'_>) -> Option<DriftFit> {
     let stamps: Vec<i64> =
         (0..=intervals).map(|k| sorted[k * (sorted.len() - 1) / intervals]).collect();
     let steps: Vec<f64> = sorted.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
-    let gap_s = GAP_S.max(GAP_INTERVALS * robust::median(&steps));
+    let gap_s = GAP_S.max(GAP_INTERVALS * stats::median(&steps));
     let joined = stamps.windows(2).map(|w| {
         let within = sorted.windows(2).filter(|s| s[0] >= w[0] && s[1] <= w[1]);
         within.map(|s| (s[1] - s[0]) as f64 * 1e-9).fold(0.0, f64::max) < gap_s

@@ -11,12 +11,13 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::Samples;
 use super::joint::Problem;
 use super::samples::FrameSamples;
 use super::tracks::Track;
-use super::{Samples, robust};
 use crate::config::EstimateConfig;
 use crate::model::{BeamGrid, ImagingModel, SpreadingModel};
+use crate::stats;
 
 /// A frame stands out where its log gain differs from its neighbours' by this [log light], and by
 /// so many spreads.
@@ -94,9 +95,9 @@ fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
         for track in tracks.iter().filter(|t| t.len() >= 2) {
             // Against the track's median: one frame in twenty stands out, not the others.
             let level =
-                robust::median(&track.iter().map(|(f, e)| e - gains[*f]).collect::<Vec<_>>());
+                stats::median(&track.iter().map(|(f, e)| e - gains[*f]).collect::<Vec<_>>());
             let weights: Vec<f64> =
-                track.iter().map(|(f, e)| robust::cauchy(e - gains[*f] - level, scale)).collect();
+                track.iter().map(|(f, e)| stats::cauchy(e - gains[*f] - level, scale)).collect();
             misfits.extend(track.iter().map(|(f, e)| e - gains[*f] - level));
             let total: f64 = weights.iter().sum();
             let mean = track.iter().zip(&weights).map(|((_, e), w)| w * e).sum::<f64>() / total;
@@ -110,7 +111,7 @@ fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
         }
         let Some(factor) = normal.cholesky() else { return vec![0.0; frames] };
         gains = factor.solve(&right);
-        scale = robust::scale(&misfits).max(0.02);
+        scale = stats::scale(&misfits).max(0.02);
     }
     let relative: Vec<f64> = (0..frames)
         .map(|f| {
@@ -118,10 +119,10 @@ fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
                 .filter(|g| *g != f)
                 .map(|g| gains[g])
                 .collect();
-            gains[f] - robust::median(&around)
+            gains[f] - stats::median(&around)
         })
         .collect();
-    let spread = robust::scale(&relative);
+    let spread = stats::scale(&relative);
     let limit = STANDS_OUT.max(SPREADS * spread);
     relative.into_iter().map(|g| if g.abs() > limit { g } else { 0.0 }).collect()
 }

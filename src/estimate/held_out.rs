@@ -5,8 +5,8 @@
 //! always fit better what they were fitted to, not this.
 
 use super::joint::{PathFor, Problem, Setting};
-use super::robust;
 use super::tracks::Track;
+use crate::stats;
 use crate::vehicle::Lamps;
 
 /// One frame in so many is held out.
@@ -51,6 +51,6 @@ pub fn loss(misfits: &[f64], scale: f64) -> f64 {
 
 /// How much less the second loses than the first: 0.1 is a tenth.
 pub fn improvement(before: &[f64], after: &[f64]) -> f64 {
-    let scale = robust::scale(before);
+    let scale = stats::scale(before);
     1.0 - loss(after, scale) / loss(before, scale)
 }

@@ -13,10 +13,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::robust;
 use super::samples::FrameSamples;
 use super::tracks::Track;
 use crate::model::LightLaw;
+use crate::stats;
 
 /// Points that two frames must share for their light to be compared by them; else their means are.
 const LEAST_SHARED: usize = 10;
@@ -73,7 +73,7 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
                 let Some(logs) = logs else { continue };
                 let step = |c: &Change| logs[c.frames.1] - logs[c.frames.0];
                 let size = beside_height(&changes, |c| c.log_light - step(c));
-                let whole = robust::mean_size(&changes.iter().map(step).collect::<Vec<_>>());
+                let whole = stats::mean_size(&changes.iter().map(step).collect::<Vec<_>>());
                 let is_of_height = whole > 0.0
                     && changes.len() >= LEAST_CHANGES
                     && beside_height(&changes, step) < OF_HEIGHT * whole;
@@ -82,7 +82,7 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
                 if size < allowed * unexplained && best.as_ref().is_none_or(|b| size < b.0) {
                     best = Some((
                         size,
-                        FollowedSetting { index, law, reference: robust::median(values) },
+                        FollowedSetting { index, law, reference: stats::median(values) },
                         logs,
                     ));
                 }
@@ -102,14 +102,14 @@ const ROUNDS: usize = 4;
 fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
     let values: Vec<f64> = changes.iter().map(of).collect();
     if changes.len() < LEAST_CHANGES {
-        return robust::mean_size(&values);
+        return stats::mean_size(&values);
     }
     let mut left = values.clone();
     for _ in 0..ROUNDS {
-        let scale = robust::scale(&left);
+        let scale = stats::scale(&left);
         let (mut normal, mut right) = (Matrix2::identity() * 1e-12, Vector2::zeros());
         for ((change, value), left) in changes.iter().zip(&values).zip(&left) {
-            let (row, weight) = (Vector2::from(change.height), robust::cauchy(*left, scale));
+            let (row, weight) = (Vector2::from(change.height), stats::cauchy(*left, scale));
             normal += row * row.transpose() * weight;
             right += row * *value * weight;
         }
@@ -120,7 +120,7 @@ fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
             .map(|(c, v)| v - slopes.dot(&Vector2::from(c.height)))
             .collect();
     }
-    robust::mean_size(&left)
+    stats::mean_size(&left)
 }
 
 /// From neighbour to neighbour.
@@ -146,7 +146,7 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
         let log_light = shared
             .get(&a)
             .filter(|s| s.len() >= LEAST_SHARED)
-            .map_or_else(by_mean, |s| robust::median(s));
+            .map_or_else(by_mean, |s| stats::median(s));
         let (before, after) = (frames[a].camera_altitude_m, frames[a + 1].camera_altitude_m);
         Change { frames: (a, a + 1), log_light, height: [after - before, (after / before).ln()] }
     };

@@ -20,7 +20,6 @@ mod light_settings;
 mod matching;
 mod mount_search;
 mod pairs;
-pub mod robust;
 mod samples;
 mod strobe_search;
 mod tracks;
@@ -46,6 +45,7 @@ use crate::model::{
     Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
 };
 use crate::parallel::{join, par_map};
+use crate::stats;
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
 use drift::DriftFit;
@@ -179,7 +179,7 @@ impl<'s> Samples<'s> {
 
     fn altitude_spread(&self) -> f64 {
         let altitudes: Vec<f64> = self.frames.iter().map(|f| f.camera_altitude_m).collect();
-        robust::quantile(&altitudes, 0.95) / robust::quantile(&altitudes, 0.05)
+        stats::quantile(&altitudes, 0.95) / stats::quantile(&altitudes, 0.05)
     }
 
     fn altitude_varies(&self, config: &EstimateConfig) -> bool {

@@ -10,9 +10,10 @@
 //! floor (a setting here). Before the beam pattern is known the answer is only a starting value:
 //! path length and strobe angle are correlated (Fig. 8, top).
 
+use super::SamplePath;
 use super::tracks::Track;
-use super::{SamplePath, robust};
 use crate::image::Bands;
+use crate::stats;
 
 /// What one image says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,8 +87,8 @@ pub fn attenuation(
                 / bands as f64
         };
         let misfits: Vec<f64> = pairs.iter().map(misfit).collect();
-        answer.residual = robust::scale(&misfits);
-        weights = misfits.iter().map(|e| robust::cauchy(*e, answer.residual)).collect();
+        answer.residual = stats::scale(&misfits);
+        weights = misfits.iter().map(|e| stats::cauchy(*e, answer.residual)).collect();
     }
     // Per image, and the mean over images that are not below the floor.
     let mut start = 0;

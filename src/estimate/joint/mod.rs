@@ -24,7 +24,6 @@ mod uncertainty;
 
 use nalgebra::DVector;
 
-use super::robust;
 use super::tracks::{Observation, Track};
 use crate::config::EstimateConfig;
 use crate::geometry::LightPath;
@@ -33,6 +32,7 @@ use crate::model::{
     Backscatter, BeamGrid, BeamPattern, ScatterIntegral, SpreadingModel, log_geometry,
 };
 use crate::parallel::par_map;
+use crate::stats;
 use crate::vehicle::{Lamps, MAX_LAMPS};
 use columns::Columns;
 use places::{MOST_PLACES, Place};
@@ -480,6 +480,6 @@ fn darkest(rows: &[Row], back: &Backscatter) -> Bands {
             .iter()
             .map(|r| f64::from(r.log_color[b]).exp() / unit.light(&r.glow)[b].max(1e-12))
             .collect();
-        robust::quantile(&ratios, DARKEST)
+        stats::quantile(&ratios, DARKEST)
     })
 }

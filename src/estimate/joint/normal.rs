@@ -5,10 +5,10 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::robust;
 use super::{LEAST_DIRECT_SHARE, LegRow, NOISE_CLASSES, Problem, Row, Solution};
 use crate::model::{SHAPES, log_sum};
 use crate::parallel::par_map;
+use crate::stats;
 
 /// A held unknown is this much stiffer than the rows make it.
 const HOLDING: f64 = 1e6;
@@ -379,7 +379,7 @@ pub fn freedom(track: &Range<usize>) -> f64 {
 /// New weights of y from misfits of log c, and the overall spread.
 fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]>, f64) {
     let all: Vec<f64> = misfits.iter().flat_map(|m| m[..bands].iter().copied()).collect();
-    let residual = robust::scale(&all);
+    let residual = stats::scale(&all);
     // (expected log c, misfit), darkest first. Expected, not observed: sorted by its own noise, dim
     // light that happens to be brighter would weigh more, and α come out too small (by 0.0001 per
     // metre in the red of rendered dives).
@@ -390,7 +390,7 @@ fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]
         order.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         for class in order.chunks(rows.len().div_ceil(NOISE_CLASSES).max(30)) {
             let of_class: Vec<f64> = class.iter().map(|(_, i)| misfits[*i][b]).collect();
-            let scale = robust::scale(&of_class).max(0.2 * residual);
+            let scale = stats::scale(&of_class).max(0.2 * residual);
             class.iter().for_each(|(_, i)| scales[*i][b] = scale);
         }
     }
@@ -398,7 +398,7 @@ fn reweighted(rows: &[Row], misfits: &[[f64; 3]], bands: usize) -> (Vec<[f64; 3]
         // A false match is false in all bands: the robust factor is shared.
         let common =
             ((0..bands).map(|b| (misfit[b] / scale[b]).powi(2)).sum::<f64>() / bands as f64).sqrt();
-        let trust = robust::cauchy(common, 1.0);
+        let trust = stats::cauchy(common, 1.0);
         std::array::from_fn(|b| {
             if b < bands {
                 trust * (residual / scale[b] * row.direct_share[b]).powi(2)
