@@ -1,10 +1,11 @@
-//! A bare altitude: `std_msgs/Float64` or `Float32` on a topic that says so, or a message with a
-//! field for it (`rti_dvl`, PD6 shapes, `NavSts`, Nucleus `Altimeter`, Blueye `Altitude`). 0 and
-//! below mean lost, so do −9999 and the like.
+//! A bare altitude: `std_msgs/Float64` or `Float32` on a topic named after it, or a message with an
+//! altitude field (`rti_dvl`, PD6 shapes, `NavSts`, Nucleus `Altimeter`, Blueye `Altitude`). Zero,
+//! negative and non-finite values mean no return; so does a flag that is false.
 
-use super::{PingReading, Value, header, layout::Layout, missing};
-use crate::units::{Altitude, Stamp};
-use crate::vehicle::{DvlFacts, Ping};
+use super::layout::Layout;
+use super::reading::{PingReading, missing};
+use super::value::Value;
+use crate::vehicle::DvlFacts;
 
 const FIELDS: &[&str] =
     &["altitude", "avg_altitude", "bottom_distance", "altimeter_distance", "altitude.value"];
@@ -19,21 +20,21 @@ const FLAGS: &[&str] = &[
     "beam_valid",
     "locked",
 ];
-/// Fields that say the altitude is one over the sea: satellites and air data.
-const OVER_THE_SEA: &[&str] = &["latitude", "airspeed", "climb", "monotonic", "lat"];
+/// Fields of satellite and air data, whose altitude is above sea level.
+const ABOVE_SEA_LEVEL: &[&str] = &["latitude", "airspeed", "climb", "monotonic", "lat"];
 
-fn topic_says_altitude(topic: &str) -> bool {
+fn names_altitude(topic: &str) -> bool {
     ["altitude", "altimeter", "height_above"].iter().any(|w| topic.to_ascii_lowercase().contains(w))
 }
 
 pub fn matches_bare(layout: &Layout, topic: &str) -> bool {
-    topic_says_altitude(topic)
+    names_altitude(topic)
         && ((layout.root().len() == 1 && layout.is_number("data"))
             || (layout.is_number("value") && layout.has("is_valid")))
 }
 
 pub fn matches_field(layout: &Layout, _topic: &str) -> bool {
-    FIELDS.iter().any(|f| layout.is_number(f)) && !OVER_THE_SEA.iter().any(|f| layout.has(f))
+    FIELDS.iter().any(|f| layout.is_number(f)) && !ABOVE_SEA_LEVEL.iter().any(|f| layout.has(f))
 }
 
 pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
@@ -44,10 +45,6 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         .ok_or_else(|| missing("altitude"))?;
     let valid = FLAGS.iter().find_map(|f| value.flag(f)).unwrap_or(true);
     let altitude = (valid && altitude.is_finite() && altitude > 0.0)
-        .then_some(Altitude(altitude * facts.sound_speed_ratio.unwrap_or(1.0)));
-    let stamp = header(value).stamp.unwrap_or(Stamp(0));
-    Ok(PingReading {
-        ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }),
-        ..PingReading::default()
-    })
+        .then_some(altitude * facts.sound_speed_ratio.unwrap_or(1.0));
+    Ok(PingReading::of_altitude(value, altitude))
 }

@@ -1,9 +1,11 @@
-//! `sensor_msgs/CameraInfo`, `foxglove.CameraCalibration`: the calibration. K\[0\] = 0 means there
-//! is none, which is common. K is that of the whole sensor; `roi` and `binning` say what of it the
-//! pictures are (0 means all, and unbinned). Nothing says whether it was made in air or in water:
-//! that is for the rig file.
+//! `sensor_msgs/CameraInfo`, `foxglove.CameraCalibration`: the camera calibration. K\[0\] = 0 means
+//! an uncalibrated camera, which is common. K describes the whole sensor; `roi` and `binning` give
+//! the part of it that the images show (0 means all of it, and unbinned). The message does not state
+//! whether the camera was calibrated in air or in water: the rig file does.
 
-use super::{Value, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::size;
+use super::value::Value;
 use crate::vehicle::{Calibration, Camera, Distortion};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
@@ -12,11 +14,7 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 
 pub fn decode(value: &Value<'_>) -> Result<Option<Calibration>, String> {
     let k = value.numbers("k").unwrap_or_default();
-    let size = |field: &str| value.integer(field).and_then(|v| usize::try_from(v).ok());
-    let (width, height) = (
-        size("width").ok_or_else(|| missing("width"))?,
-        size("height").ok_or_else(|| missing("height"))?,
-    );
+    let (width, height) = (size(value, "width")?, size(value, "height")?);
     if k.len() != 9 || !(k[0] > 0.0 && k[4] > 0.0) || width == 0 || height == 0 {
         return Ok(None);
     }
@@ -29,8 +27,11 @@ pub fn decode(value: &Value<'_>) -> Result<Option<Calibration>, String> {
             )
         })?;
     let full = Camera { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion };
-    let or_0 = |field: &str| size(field).unwrap_or(0);
-    let (offset, of_interest) =
-        ((or_0("roi.x_offset"), or_0("roi.y_offset")), (or_0("roi.width"), or_0("roi.height")));
-    Ok(Some(Calibration::new(full, offset, of_interest, (or_0("binning_x"), or_0("binning_y")))))
+    let pair = |a: &str, b: &str| (value.size(a).unwrap_or(0), value.size(b).unwrap_or(0));
+    Ok(Some(Calibration::new(
+        full,
+        pair("roi.x_offset", "roi.y_offset"),
+        pair("roi.width", "roi.height"),
+        pair("binning_x", "binning_y"),
+    )))
 }

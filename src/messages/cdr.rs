@@ -1,9 +1,9 @@
-//! Bytes on the wire → values: OMG CDR as ROS 2 writes it, both endians, and ROS 1 serialisation,
-//! which is the same without header, alignment and NUL.
+//! Reads OMG CDR as ROS 2 writes it, in both byte orders, and ROS 1 serialisation, which is the same
+//! without encapsulation header, alignment and NUL.
 //!
 //! Memory is bounded by the message: a sequence that claims more elements than there are bytes left
-//! is an error before anything is allocated. Alignment counts from behind the 4-byte encapsulation
-//! header.
+//! is an error before anything is allocated. Alignment counts from the end of the 4-byte
+//! encapsulation header.
 
 use std::borrow::Cow;
 
@@ -13,7 +13,7 @@ use super::value::{Budget, Value};
 /// Reads one CDR message by its layout.
 ///
 /// # Errors
-/// A sentence saying at which byte the message ends early or contradicts its schema.
+/// The message ends early or contradicts its schema.
 pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
     let [0, flags, _, _, body @ ..] = message else {
         return Err(match message {
@@ -31,7 +31,7 @@ pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String>
         .root(layout)
 }
 
-/// Reads one message of ROS 1 by its layout.
+/// Reads one ROS 1 message by its layout.
 ///
 /// # Errors
 /// As [`read`].
@@ -44,14 +44,14 @@ struct Reader<'a> {
     body: &'a [u8],
     at: usize,
     little: bool,
-    /// CDR; else ROS 1
+    /// true for CDR, false for ROS 1
     aligned: bool,
     budget: Budget,
 }
 
 impl<'a> Reader<'a> {
     fn root(&mut self, layout: &Layout) -> Result<Value<'a>, String> {
-        self.record(layout, layout.records.len().checked_sub(1).ok_or("an empty schema")?)
+        self.record(layout, layout.records.len().checked_sub(1).ok_or("the schema is empty")?)
     }
 
     fn take(&mut self, size: usize) -> Result<&'a [u8], String> {
@@ -114,7 +114,7 @@ impl<'a> Reader<'a> {
             Primitive::WideText => {
                 let length = self.length()?;
                 if length > self.body.len().saturating_sub(self.at) {
-                    return Err("a wide string longer than its message".into());
+                    return Err("a wide string is longer than its message".into());
                 }
                 let units = (0..length)
                     .map(|_| self.unsigned(2).map(|u| u as u16))
@@ -133,11 +133,11 @@ impl<'a> Reader<'a> {
                     Some(count) => *count,
                     None => self.length()?,
                 };
-                // Every element has at least one byte (an empty message of ROS 1 has none, and
-                // costs budget): a length that lies is caught before it allocates.
+                // Every element has at least one byte (an empty ROS 1 message has none, but
+                // counts against the budget): a false length is an error before it allocates.
                 if count > self.body.len().saturating_sub(self.at) {
                     return Err(format!(
-                        "an array of {count} elements in the {} bytes left",
+                        "an array of {count} elements in the remaining {} bytes",
                         self.body.len().saturating_sub(self.at)
                     ));
                 }
@@ -155,7 +155,7 @@ impl<'a> Reader<'a> {
                         .map(|_| match self.primitive(*p)? {
                             Value::Int(v) => Ok(v as f64),
                             Value::Bool(v) => Ok(f64::from(u8::from(v))),
-                            _ => Err(String::from("no number")),
+                            _ => Err(String::from("not a number")),
                         })
                         .collect::<Result<_, _>>()
                         .map(Value::Numbers),
@@ -169,10 +169,10 @@ impl<'a> Reader<'a> {
     }
 
     fn record(&mut self, layout: &Layout, index: usize) -> Result<Value<'a>, String> {
-        let fields = layout.records.get(index).ok_or("a schema that points nowhere")?;
+        let fields = layout.records.get(index).ok_or("a schema index is out of range")?;
         self.budget.spend(1 + fields.len())?;
         if fields.is_empty() && self.aligned {
-            self.take(1)?; // ROS 2 gives an empty message one unused byte
+            self.take(1)?; // an empty ROS 2 message has one unused byte
         }
         fields
             .iter()
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn written_messages_are_read_back() {
         let layout = layout(
             "std_msgs/Header header\nuint8 a\nfloat64[2] v\nfloat64[] w\nuint8[] data\nstring s\n",
         )
@@ -222,9 +222,9 @@ mod tests {
     }
 
     #[test]
-    fn a_length_that_lies_allocates_nothing() {
+    fn a_false_length_allocates_nothing() {
         let layout = layout("float64[] w\n").expect("layout");
         let bytes = Writer::new(WireFormat::Cdr).u32(u32::MAX).finish();
-        assert!(read(&layout, &bytes).expect_err("a lie").contains("elements"));
+        assert!(read(&layout, &bytes).expect_err("false length").contains("elements"));
     }
 }

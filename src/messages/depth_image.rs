@@ -1,21 +1,21 @@
-//! Depth pictures: `16UC1` in millimetres, `32FC1` in metres, and ROS's `compressedDepth` of both.
+//! Depth images: `16UC1` in millimetres, `32FC1` in metres, and ROS's `compressedDepth` of both.
 //!
-//! A sensor of ranges like any other once it has a calibration: a few places of the picture become
-//! beams of a ping. 0, NaN and infinities mean no depth. The shape is that of a picture; the topic
-//! or the format string says that it is depth.
+//! Once the depth camera is calibrated, samples on a coarse grid become the beams of a ping. Zero,
+//! NaN and infinities mean no depth. The schema is that of a camera image; the topic, the encoding
+//! or the format string tells depth images apart.
 
-use super::{DepthSamples, PingReading, Value, header, missing};
-use crate::units::Stamp;
-use crate::vehicle::{DvlFacts, Ping};
+use super::reading::{DepthSamples, PingReading, missing, size};
+use super::value::Value;
+use crate::vehicle::DvlFacts;
 
-/// Places across and down that are looked at.
+/// Columns and rows of the sampling grid.
 const GRID: (usize, usize) = (5, 4);
-/// Half the side of the window whose median is taken [px].
-const REACH: usize = 2;
-/// `compressedDepth` puts its parameters before the file.
+/// Half the side of the window over which the median is taken [px].
+const HALF_WINDOW_PX: usize = 2;
+/// Length of the parameters before the PNG in `compressedDepth` [byte].
 const HEADER_BYTES: usize = 12;
 
-/// Whether a picture's message is one of depth.
+/// Whether an image message holds depth.
 pub fn is_depth(value: &Value<'_>, topic: &str) -> bool {
     let named = topic.to_ascii_lowercase().contains("depth");
     match (value.text("encoding"), value.text("format")) {
@@ -29,24 +29,16 @@ pub fn is_depth(value: &Value<'_>, topic: &str) -> bool {
 
 pub fn decode(value: &Value<'_>, _facts: &DvlFacts) -> Result<PingReading, String> {
     let data = value.bytes("data").ok_or_else(|| missing("data"))?;
-    let pixels = match value.text("format") {
+    let depth = Some(match value.text("format") {
         Some(format) => compressed(format, data)?,
         None => raw(value, data)?,
-    };
-    let ping = Ping {
-        stamp: header(value).stamp.unwrap_or(Stamp(0)),
-        beams: Vec::new(),
-        altitude: None,
-        velocity_m_per_s: None,
-    };
-    Ok(PingReading { ping: Some(ping), depth: Some(pixels), ..PingReading::default() })
+    });
+    Ok(PingReading { depth, ..PingReading::of_beams(value, Vec::new()) })
 }
 
 fn raw(value: &Value<'_>, data: &[u8]) -> Result<DepthSamples, String> {
-    let size = |field: &str| {
-        value.integer(field).and_then(|v| usize::try_from(v).ok()).ok_or_else(|| missing(field))
-    };
-    let (width, height, step) = (size("width")?, size("height")?, size("step")?);
+    let (width, height, step) =
+        (size(value, "width")?, size(value, "height")?, size(value, "step")?);
     let encoding = value.text("encoding").ok_or_else(|| missing("encoding"))?;
     let big_endian = value.flag("is_bigendian").unwrap_or(false);
     let bytes = if encoding == "32FC1" { 4 } else { 2 };
@@ -58,65 +50,67 @@ fn raw(value: &Value<'_>, data: &[u8]) -> Result<DepthSamples, String> {
             data.len()
         ));
     }
-    let depth = |x: usize, y: usize| {
+    let depth_m = |x: usize, y: usize| {
         let at = y * step + x * bytes;
-        let mut code = [0; 4];
-        code[..bytes].copy_from_slice(&data[at..at + bytes]);
+        let mut pixel = [0; 4];
+        pixel[..bytes].copy_from_slice(&data[at..at + bytes]);
         if big_endian {
-            code[..bytes].reverse();
+            pixel[..bytes].reverse();
         }
         if bytes == 4 {
-            f64::from(f32::from_le_bytes(code))
+            f64::from(f32::from_le_bytes(pixel))
         } else {
-            f64::from(u32::from_le_bytes(code)) * 1e-3
+            f64::from(u32::from_le_bytes(pixel)) * 1e-3
         }
     };
-    Ok(sampled(width, height, depth))
+    Ok(sampled(width, height, depth_m))
 }
 
-/// PNG behind the parameters; of `32FC1` it holds inverse depth, quantised: depth = a / (code − b).
+/// A PNG behind the parameters a and b. For `32FC1` its pixel values are quantised inverse depth:
+/// depth = a / (value − b).
 fn compressed(format: &str, data: &[u8]) -> Result<DepthSamples, String> {
     let (header, file) = data
         .split_at_checked(HEADER_BYTES)
         .ok_or("a compressedDepth message without its header")?;
     if !file.starts_with(&[0x89, b'P', b'N', b'G']) {
         return Err(format!(
-            "depth as {format:?} is not read; let the camera driver write PNG \
+            "depth as {format:?} is not supported; set the camera driver to PNG \
              (compressedDepth/format: png)"
         ));
     }
-    let float = |at: usize| {
+    let parameter = |at: usize| {
         header
             .get(at..at + 4)
             .and_then(|b| b.first_chunk())
             .map_or(f64::NAN, |b| f64::from(f32::from_le_bytes(*b)))
     };
-    let (a, b) = (float(4), float(8));
-    let (width, height, codes) = crate::image::decode::grey16(file)?;
-    let inverse = format.trim_start().starts_with("32FC1");
-    let depth = |x: usize, y: usize| {
-        let code = f64::from(codes[y * width + x]);
-        match (code > 0.0, inverse) {
+    let (a, b) = (parameter(4), parameter(8));
+    let (width, height, pixels) = crate::image::decode::grey16(file)?;
+    let is_inverse = format.trim_start().starts_with("32FC1");
+    let depth_m = |x: usize, y: usize| {
+        let pixel = f64::from(pixels[y * width + x]);
+        match (pixel > 0.0, is_inverse) {
             (false, _) => f64::NAN,
-            (true, true) => a / (code - b),
-            (true, false) => code * 1e-3,
+            (true, true) => a / (pixel - b),
+            (true, false) => pixel * 1e-3,
         }
     };
-    Ok(sampled(width, height, depth))
+    Ok(sampled(width, height, depth_m))
 }
 
-/// The median of a small window around each place of a coarse grid; a place with too few depths is
-/// left out.
-fn sampled(width: usize, height: usize, depth: impl Fn(usize, usize) -> f64) -> DepthSamples {
+/// The median depth of a small window around each grid point. A window of which no more than half
+/// the pixels have a depth gives no sample.
+fn sampled(width: usize, height: usize, depth_m: impl Fn(usize, usize) -> f64) -> DepthSamples {
     let mut samples = Vec::new();
     for j in 0..GRID.1 {
         for i in 0..GRID.0 {
             let (u, v) = ((2 * i + 1) * width / (2 * GRID.0), (2 * j + 1) * height / (2 * GRID.1));
-            let around =
-                |at: usize, size: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(size);
-            let mut window: Vec<f64> = around(v, height)
-                .flat_map(|y| around(u, width).map(move |x| (x, y)))
-                .map(|(x, y)| depth(x, y))
+            let span = |at: usize, size: usize| {
+                at.saturating_sub(HALF_WINDOW_PX)..(at + HALF_WINDOW_PX + 1).min(size)
+            };
+            let mut window: Vec<f64> = span(v, height)
+                .flat_map(|y| span(u, width).map(move |x| (x, y)))
+                .map(|(x, y)| depth_m(x, y))
                 .collect();
             let all = window.len();
             window.retain(|z| z.is_finite() && *z > 0.0);

@@ -1,70 +1,70 @@
-//! What all DVL messages have in common: which beams there are, when a range is none, slant or
-//! vertical.
+//! Common parts of all DVL messages: beam directions, validity of ranges, slant or vertical.
 //!
-//! A file per shape says where its numbers are ([`Report`]); here they become a ping. The rig file
-//! wins over the message, the message's own directions over a known instrument's. Nothing is
-//! switched silently: what is assumed becomes a warning, and the message's own altitude is held
-//! against its ranges for the survey to judge.
+//! One file per shape locates the numbers ([`Report`]); this file turns them into a ping. The rig
+//! file takes precedence over the message, the message's directions over those of a known
+//! instrument. Assumptions are reported as a warning, and the message's own altitude is compared
+//! with its ranges (the survey evaluates it).
 
 use nalgebra::Vector3;
 
-use super::{AltitudeCheck, PingReading, Value, header};
+use super::reading::{AltitudeCheck, PingReading};
+use super::value::Value;
 use crate::coordinates::{Direction, Dvl};
-use crate::units::{Altitude, SlantRange, Stamp};
-use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping, RangeKind};
+use crate::units::SlantRange;
+use crate::vehicle::{Beam, DvlFacts, JanusArray, RangeKind};
 
-/// Beams of any instrument known lie this far off the axis [deg].
+/// Angles between beams and axis of all known instruments [deg].
 pub const SANE_JANUS_DEG: std::ops::RangeInclusive<f64> = 12.0..=35.0;
-/// Neighbours around the axis are this far from evenly spaced at most [deg].
-const UNEVEN_DEG: f64 = 30.0;
-/// What Nortek writes for a velocity it does not have [m/s].
+/// Largest deviation of neighbouring azimuths from even spacing [deg].
+const MAX_UNEVENNESS_DEG: f64 = 30.0;
+/// Nortek's marker for an invalid velocity [m/s].
 pub const NORTEK_BAD_VELOCITY: f64 = -32.768;
-/// What Nortek writes for the figure of merit of a beam that is bad [m/s].
+/// Nortek's figure of merit of an invalid beam [m/s].
 pub const NORTEK_BAD_FOM: f64 = 10.0;
+/// A larger velocity over the seafloor is a marker for "none" [m/s].
+const MAX_VELOCITY_M_PER_S: f64 = 10.0;
 
-/// What the message says of its beams' directions.
+/// Beam directions in the message.
 pub enum Directions<'r> {
-    /// vectors in the message
+    /// beam vectors, not yet checked
     Vectors(Vec<Vector3<f64>>),
-    /// directions that are right by construction: hits as points
+    /// reliable directions: returns as points, poses
     Exact(Vec<Direction<Dvl>>),
-    /// nothing; this instrument is assumed
+    /// none; this instrument is assumed
     Assumed(&'r str),
-    /// nothing, but the angle off the axis [deg], with this instrument's azimuths
+    /// only the Janus angle [deg]; the azimuths of this instrument are assumed
     Angle(f64, &'r str),
-    /// nothing at all
+    /// none, and the instrument is unknown
     Unknown,
 }
 
-/// A message's ranges, freed of its own flags and markers.
+/// A message's ranges, without its flags and markers.
 pub struct Report<'r> {
-    /// one per beam [m]; `None` where the message says it is lost
+    /// one per beam [m]; `None` where the message marks it invalid
     pub ranges: Vec<Option<f64>>,
-    /// what a range is, by the type of message
+    /// by the type of message
     pub kind: RangeKind,
-    /// where the beams look
+    /// one per beam
     pub directions: Directions<'r>,
 }
 
-/// Reports over water have ranges to a layer of it, not to the seafloor.
+/// Beam directions, and the warning where they are assumed or repaired.
+type Resolved = (Vec<Direction<Dvl>>, Option<String>);
+
+/// Whether the ranges are to a layer of water, not to the seafloor.
 pub fn is_water_track(value: &Value<'_>) -> bool {
-    let says_water =
+    let names_water =
         |path: &str| value.text(path).is_some_and(|t| t.to_ascii_lowercase().contains("water"));
     value.integer("velocity_mode") == Some(2)
         || value.integer("velocity_reference") == Some(1)
         || value.integer("target.type") == Some(2)
-        || ["type", "target.type", "velocity_mode"].iter().any(|p| says_water(p))
+        || ["type", "target.type", "velocity_mode"].iter().any(|p| names_water(p))
         || ["is_water_tracking", "dvl_velocity.is_water_tracking"]
             .iter()
             .any(|p| value.flag(p) == Some(true))
 }
 
-/// A report that holds no bottom range at all.
-pub fn nothing(why: &str) -> PingReading {
-    PingReading { warning: Some(why.into()), ..PingReading::default() }
-}
-
-/// The altitude a DVL message gives beside its beams.
+/// The altitude beside the beams [m].
 fn altitude(value: &Value<'_>) -> Option<f64> {
     ["altitude", "avg_altitude", "report.altitude", "target.range.mean"]
         .iter()
@@ -72,75 +72,76 @@ fn altitude(value: &Value<'_>) -> Option<f64> {
         .filter(|a| a.is_finite() && *a > 0.0)
 }
 
-/// Faster over the ground is a marker of "none" [m/s].
-const FASTEST_M_PER_S: f64 = 10.0;
-
-/// The velocity over the ground that a DVL message gives beside its beams.
+/// The velocity over the seafloor, along the instrument's axes [m/s].
 fn velocity(value: &Value<'_>) -> Option<Vector3<f64>> {
-    let is_said_bad =
+    let is_flagged =
         ["velocity_valid", "valid", "bottom_lock"].iter().any(|p| value.flag(p) == Some(false));
     let [x, y, z] = value.xyz("velocity").or_else(|| value.xyz("velocity.twist.linear"))?;
     let v = Vector3::new(x, y, z);
-    (!is_said_bad
+    (!is_flagged
         && v.iter().all(|c| c.is_finite() && *c != NORTEK_BAD_VELOCITY)
-        && v.norm() < FASTEST_M_PER_S)
+        && v.norm() < MAX_VELOCITY_M_PER_S)
         .then_some(v)
 }
 
-/// Geometry, units and the rig file's rules.
-pub fn ping(
+/// Whether a range is inside the limits of the rig file.
+pub fn is_within_limits(range_m: f64, facts: &DvlFacts) -> bool {
+    range_m > facts.min_range_m.unwrap_or(0.0) && facts.max_range_m.is_none_or(|max| range_m < max)
+}
+
+/// The ping of a report, with the units and the overrides of the rig file.
+///
+/// # Errors
+/// The beam directions cannot be determined.
+pub fn reading(
     value: &Value<'_>,
     facts: &DvlFacts,
     report: Report<'_>,
 ) -> Result<PingReading, String> {
     if is_water_track(value) {
-        return Ok(nothing("water-track reports are left out"));
+        return Ok(PingReading::none("water-track reports are ignored"));
     }
-    let stamp = header(value).stamp.unwrap_or(Stamp(0));
     let scale = facts.sound_speed_ratio.unwrap_or(1.0);
     if report.ranges.is_empty() {
-        let altitude = altitude(value).map(|a| Altitude(a * scale));
-        let warning = Some("the message lists no beams; its altitude is used".into());
         return Ok(PingReading {
-            ping: Some(Ping { stamp, beams: Vec::new(), altitude, velocity_m_per_s: None }),
-            warning,
-            ..PingReading::default()
+            warning: Some("the message lists no beams; its altitude is used".into()),
+            ..PingReading::of_altitude(value, altitude(value).map(|a| a * scale))
         });
     }
-    let (directions, warning) = directions(report.directions, report.ranges.len(), facts)?;
+    let (directions, warning) = resolve(report.directions, report.ranges.len(), facts)?;
     let axis: Vector3<f64> =
         directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
     let kind = facts.ranges.unwrap_or(report.kind);
-    let good = |range: f64| {
-        let inside = range > facts.min_range_m.unwrap_or(0.0)
-            && facts.max_range_m.is_none_or(|most| range < most);
-        let marker = facts.bad_values.as_ref().is_some_and(|bad| bad.contains(&range));
-        range.is_finite() && range > 0.0 && inside && !marker
+    let is_good = |range: f64| {
+        let is_marker = facts.bad_values.as_ref().is_some_and(|bad| bad.contains(&range));
+        range.is_finite() && range > 0.0 && is_within_limits(range, facts) && !is_marker
     };
-    let sent: Vec<Option<f64>> = report.ranges.iter().map(|r| r.filter(|r| good(*r))).collect();
-    let beams = directions.iter().zip(&sent).map(|(direction, range)| {
+    let ranges: Vec<Option<f64>> =
+        report.ranges.iter().map(|r| r.filter(|r| is_good(*r))).collect();
+    let beams = directions.iter().zip(&ranges).map(|(direction, range)| {
         let cosine = if kind == RangeKind::Vertical { direction.vector().dot(&axis) } else { 1.0 };
         Beam { direction: *direction, range: range.map(|r| SlantRange(r / cosine * scale)) }
     });
-    let beams: Vec<Beam> = beams.collect();
-    let all: Option<Vec<f64>> = sent.iter().copied().collect();
+    let mut reading = PingReading::of_beams(value, beams.collect());
+    if let Some(ping) = &mut reading.ping {
+        ping.velocity_m_per_s = velocity(value);
+    }
     let mean_cosine = directions.iter().map(|d| d.vector().dot(&axis)).sum::<f64>()
         / directions.len().max(1) as f64;
-    let height =
+    let all: Option<Vec<f64>> = ranges.into_iter().collect();
+    let altitude_check =
         all.filter(|r| r.len() >= 3).zip(altitude(value)).map(|(ranges, altitude)| AltitudeCheck {
             ratio: altitude * ranges.len() as f64 / ranges.iter().sum::<f64>(),
             cosine: mean_cosine,
             kind,
         });
-    Ok(PingReading {
-        ping: Some(Ping { stamp, beams, altitude: None, velocity_m_per_s: velocity(value) }),
-        warning,
-        altitude_check: height,
-        depth: None,
-    })
+    Ok(PingReading { warning, altitude_check, ..reading })
 }
 
-/// The beams the rig file names, if it does.
+/// The beams named in the rig file.
+///
+/// # Errors
+/// The instrument is unknown, or only one of angle and azimuths is given.
 pub fn array(facts: &DvlFacts) -> Result<Option<JanusArray>, String> {
     if let Some(name) = &facts.beams {
         let known = || JanusArray::KNOWN.iter().map(|k| k.0).collect::<Vec<_>>().join(", ");
@@ -157,9 +158,9 @@ pub fn array(facts: &DvlFacts) -> Result<Option<JanusArray>, String> {
     }
 }
 
-/// As many directions as there are beams; one beam more than an array has azimuths looks along the
-/// axis, as the fifth of every five-beam instrument does.
-fn spread(array: &JanusArray, beams: usize) -> Result<Vec<Direction<Dvl>>, String> {
+/// One direction per beam. One beam more than the array has azimuths points along the axis, as the
+/// fifth beam of every five-beam instrument does.
+fn directions_of(array: &JanusArray, beams: usize) -> Result<Vec<Direction<Dvl>>, String> {
     let mut directions = array.directions();
     if beams == directions.len() + 1 {
         directions.push(Direction::boresight());
@@ -174,53 +175,47 @@ fn spread(array: &JanusArray, beams: usize) -> Result<Vec<Direction<Dvl>>, Strin
     Ok(directions)
 }
 
-/// Where the beams look: the rig file's word, else the message's if it is sane, else what is known
-/// of the shape.
-fn directions(
-    said: Directions<'_>,
-    beams: usize,
-    facts: &DvlFacts,
-) -> Result<(Vec<Direction<Dvl>>, Option<String>), String> {
-    if let Directions::Exact(directions) = said {
+/// Beam directions: of the rig file, else of the message if sane, else of the assumed instrument.
+fn resolve(in_message: Directions<'_>, beams: usize, facts: &DvlFacts) -> Result<Resolved, String> {
+    if let Directions::Exact(directions) = in_message {
         return Ok((directions, None));
     }
     if let Some(array) = array(facts)? {
-        return Ok((spread(&array, beams)?, None));
+        return Ok((directions_of(&array, beams)?, None));
     }
-    let named =
-        |name: &str| JanusArray::named(name).ok_or_else(|| format!("{name} is no instrument"));
-    match said {
-        Directions::Exact(directions) => Ok((directions, None)),
-        Directions::Vectors(vectors) => sane(&vectors),
+    let known =
+        |name: &str| JanusArray::named(name).ok_or_else(|| format!("unknown instrument {name}"));
+    let (array, warning) = match in_message {
+        Directions::Exact(directions) => return Ok((directions, None)),
+        Directions::Vectors(vectors) => return checked(&vectors),
         Directions::Assumed(name) => {
-            let array = named(name)?;
-            let warning = format!(
-                "the message has no beam directions; taken as {name} ({}°)",
-                array.janus_angle_deg
-            );
-            Ok((spread(&array, beams)?, Some(warning)))
+            let array = known(name)?;
+            let angle = array.janus_angle_deg;
+            (array, format!("the message has no beam directions; {name} ({angle}°) is assumed"))
         }
-        Directions::Angle(janus_angle_deg, name) => {
-            let array = JanusArray { janus_angle_deg, ..named(name)? };
-            let warning = format!(
-                "the message gives the beams' angle ({janus_angle_deg}°) and not their azimuths; \
-                 those of {name} are taken"
-            );
-            Ok((spread(&array, beams)?, Some(warning)))
+        Directions::Angle(janus_angle_deg, name) => (
+            JanusArray { janus_angle_deg, ..known(name)? },
+            format!(
+                "the message has the beams' angle ({janus_angle_deg}°) but not their azimuths; \
+                 those of {name} are assumed"
+            ),
+        ),
+        Directions::Unknown => {
+            return Err("the message has no beam directions; name the instrument in rig.toml: \
+                        [dvl] beams = \"waterlinked-a50\""
+                .into());
         }
-        Directions::Unknown => Err("the message has no beam directions; name the instrument in \
-                                    rig.toml: [dvl] beams = \"waterlinked-a50\""
-            .into()),
-    }
+    };
+    Ok((directions_of(&array, beams)?, Some(warning)))
 }
 
-/// Vectors that are believed, or mended where the fault is known.
-fn sane(vectors: &[Vector3<f64>]) -> Result<(Vec<Direction<Dvl>>, Option<String>), String> {
+/// Directions of sane beam vectors. Swapped sine and cosine are repaired.
+fn checked(vectors: &[Vector3<f64>]) -> Result<Resolved, String> {
     let off_axis_deg =
         |v: &Vector3<f64>| (v.z.abs() / v.norm()).clamp(0.0, 1.0).acos().to_degrees();
     let unit = vectors.len() >= 3 && vectors.iter().all(|v| (v.norm() - 1.0).abs() < 0.02);
     let one_side = vectors.iter().all(|v| v.z > 0.0) || vectors.iter().all(|v| v.z < 0.0);
-    if unit && one_side && evenly_spread(vectors) {
+    if unit && one_side && are_evenly_spaced(vectors) {
         if vectors.iter().all(|v| SANE_JANUS_DEG.contains(&off_axis_deg(v))) {
             return Ok((vectors.iter().filter_map(|v| Direction::from_vector(*v)).collect(), None));
         }
@@ -229,26 +224,26 @@ fn sane(vectors: &[Vector3<f64>]) -> Result<(Vec<Direction<Dvl>>, Option<String>
             let janus_angle_deg =
                 90.0 - vectors.iter().map(off_axis_deg).sum::<f64>() / vectors.len() as f64;
             let warning = format!(
-                "beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); taken as \
-                 {janus_angle_deg:.1}°",
+                "beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); \
+                 {janus_angle_deg:.1}° is used",
                 90.0 - janus_angle_deg
             );
             return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(warning)));
         }
     }
     Err("the beam vectors are not usable (zero, not of unit length, not 12 to 35° off the axis, \
-         or not spread around it); name the instrument in rig.toml: [dvl] beams = \
+         or not evenly spaced around it); name the instrument in rig.toml: [dvl] beams = \
          \"waterlinked-a50\""
         .into())
 }
 
-/// Whether the azimuths about z are about evenly spaced.
-fn evenly_spread(vectors: &[Vector3<f64>]) -> bool {
+/// Whether the azimuths about z are evenly spaced.
+fn are_evenly_spaced(vectors: &[Vector3<f64>]) -> bool {
     let mut azimuths: Vec<f64> = vectors.iter().map(|v| v.y.atan2(v.x).to_degrees()).collect();
     azimuths.sort_by(f64::total_cmp);
     let even = 360.0 / vectors.len() as f64;
     let next = azimuths.iter().skip(1).copied().chain(azimuths.first().map(|a| a + 360.0));
-    azimuths.iter().zip(next).all(|(a, b)| (b - a - even).abs() <= UNEVEN_DEG)
+    azimuths.iter().zip(next).all(|(a, b)| (b - a - even).abs() <= MAX_UNEVENNESS_DEG)
 }
 
 #[cfg(test)]
@@ -256,26 +251,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn swapped_vectors_are_mended_and_senseless_ones_refused() {
+    fn swapped_vectors_are_repaired_and_invalid_ones_rejected() {
         let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
         let swapped: Vec<_> =
             corners.iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
-        let (directions, warning) = sane(&swapped).expect("mended");
+        let (directions, warning) = checked(&swapped).expect("repaired");
         assert!(
             (directions[0].vector() - Vector3::new(0.2706, 0.2706, 0.9239)).norm() < 1e-3
                 && warning.is_some()
         );
-        assert!(sane(&[Vector3::zeros(); 4]).is_err());
-        assert!(
-            sane(&[Vector3::new(0.2706, 0.2706, 0.9239); 4]).is_err(),
-            "four times the same beam"
-        );
+        assert!(checked(&[Vector3::zeros(); 4]).is_err());
+        assert!(checked(&[Vector3::new(0.2706, 0.2706, 0.9239); 4]).is_err(), "four equal beams");
     }
 
     #[test]
-    fn a_fifth_beam_looks_along_the_axis() {
-        let array = JanusArray::named("nortek-25").expect("known");
-        assert_eq!(spread(&array, 5).expect("five").last(), Some(&Direction::boresight()));
-        assert!(spread(&array, 3).is_err() && spread(&array, 6).is_err());
+    fn the_fifth_beam_points_along_the_axis() {
+        let array = JanusArray::named("nortek-25").expect("known instrument");
+        assert_eq!(
+            directions_of(&array, 5).expect("five beams").last(),
+            Some(&Direction::boresight())
+        );
+        assert!(directions_of(&array, 3).is_err() && directions_of(&array, 6).is_err());
     }
 }

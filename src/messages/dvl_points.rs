@@ -1,14 +1,17 @@
-//! `ds_sensor_msgs/Ranges3D`: every beam's hit as a point in the instrument's frame, the best form
-//! there is.
+//! `ds_sensor_msgs/Ranges3D`: the return of each beam as a point in the instrument's frame, which
+//! needs no assumption about beams.
 
 use nalgebra::Vector3;
 
 use super::dvl::{self, Directions, Report};
-use super::{PingReading, Value, layout::Layout, missing};
+use super::header::header;
+use super::layout::Layout;
+use super::reading::{PingReading, missing};
+use super::value::Value;
 use crate::coordinates::Direction;
 use crate::vehicle::{DvlFacts, RangeKind};
 
-/// `range_validity`: 0 says nothing, 1 low, 2 high, 3 valid.
+/// `range_validity`: 0 unknown, 1 low, 2 high, 3 valid.
 const LOW: i64 = 1;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
@@ -20,7 +23,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let (mut ranges, mut directions) = (Vec::new(), Vec::new());
     for beam in list {
         let point = Vector3::from(beam.xyz("range.point").ok_or_else(|| missing("range.point"))?);
-        // A beam at the origin has no direction; it is one that did not come back.
+        // A point at the origin has no direction: it is a beam without a return.
         if let Some(direction) =
             Direction::from_vector(point).filter(|_| point.iter().all(|v| v.is_finite()))
         {
@@ -29,10 +32,10 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         }
     }
     if ranges.is_empty() {
-        return Ok(dvl::nothing("some reports have no beams"));
+        return Ok(PingReading::none("some reports have no beams"));
     }
     let slant = DvlFacts { ranges: Some(RangeKind::Slant), ..facts.clone() };
-    let mut reading = dvl::ping(
+    let mut reading = dvl::reading(
         value,
         &slant,
         Report { ranges, kind: RangeKind::Slant, directions: Directions::Exact(directions) },
@@ -41,7 +44,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         && let Some((ping, first)) =
             reading.ping.as_mut().zip(list.first().and_then(|b| b.get("range")))
     {
-        ping.stamp = super::header(first).stamp.unwrap_or(ping.stamp);
+        ping.stamp = header(first).stamp.unwrap_or(ping.stamp);
     }
     Ok(reading)
 }

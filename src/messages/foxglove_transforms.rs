@@ -1,8 +1,8 @@
-//! `foxglove.FrameTransform` and `foxglove.FrameTransforms`: poses of children in their parents.
+//! `foxglove.FrameTransform` and `foxglove.FrameTransforms`: poses of child frames in their parents.
 
-use nalgebra::Vector3;
-
-use super::{FrameTransform, Value, attitude, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::{FrameTransform, missing, pose};
+use super::value::Value;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     ["", "transforms."].iter().any(|p| {
@@ -11,16 +11,12 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 }
 
 pub fn decode(value: &Value<'_>) -> Result<Vec<FrameTransform>, String> {
-    let name =
-        |v: &Value<'_>, path: &str| v.text(path).map(String::from).ok_or_else(|| missing(path));
     let edge = |v: &Value<'_>| {
-        let t = v.xyz("translation").ok_or_else(|| missing("translation"))?;
-        let q = v.xyzw("rotation").and_then(attitude).ok_or("a transform without a rotation")?;
-        let pose = nalgebra::Isometry3::from_parts(Vector3::from(t).into(), q);
+        let name = |path: &str| v.text(path).map(String::from).ok_or_else(|| missing(path));
         Ok(FrameTransform {
-            parent: name(v, "parent_frame_id")?,
-            child: name(v, "child_frame_id")?,
-            pose,
+            pose: pose(v, "translation", "rotation")?,
+            parent: name("parent_frame_id")?,
+            child: name("child_frame_id")?,
         })
     };
     match value.list("transforms") {

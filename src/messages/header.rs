@@ -1,4 +1,4 @@
-//! Stamp and frame of any message, wherever its family writes them.
+//! Stamp and frame id of a message of any family.
 
 use super::value::Value;
 use crate::units::Stamp;
@@ -6,13 +6,13 @@ use crate::units::Stamp;
 /// Stamp and frame id of a message.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Header {
-    /// the header's own time; `None` where the message has none or it is 0
+    /// `None` where the message has no stamp or one of 0
     pub stamp: Option<Stamp>,
-    /// the TF frame it is given in, without a leading slash
+    /// without a leading slash
     pub frame_id: String,
 }
 
-/// Where times are: ROS, Foxglove and Blueye, Gazebo, bare, the Nucleus driver, WHOI.
+/// Fields of the stamp: ROS, Foxglove and Blueye, bare, Gazebo, the Nucleus driver, WHOI.
 const STAMPS: &[&str] = &[
     "header.stamp",
     "timestamp",
@@ -22,7 +22,7 @@ const STAMPS: &[&str] = &[
     "ds_header.io_time",
 ];
 
-/// Stamp and frame of any message with a header.
+/// Stamp and frame id of a message.
 pub fn header(value: &Value<'_>) -> Header {
     let frame_id = value
         .text("header.frame_id")
@@ -35,7 +35,8 @@ pub fn header(value: &Value<'_>) -> Header {
     }
 }
 
-/// The frame whose attitude an attitude message gives: an odometry's child, else the header's.
+/// Frame id of the body whose attitude a message holds: of an odometry its child, else of the
+/// header.
 pub fn attitude_frame(value: &Value<'_>) -> String {
     value
         .text("child_frame_id")
@@ -52,7 +53,7 @@ fn stamp(time: &Value<'_>) -> Option<Stamp> {
                 .unwrap_or(0);
             Stamp::from_sec_nanos(seconds, nanos).0
         }
-        // A bare number: its size says in which unit it counts since 1970.
+        // A bare number since 1970; its magnitude gives the unit: ns, µs, ms, s.
         Value::Int(v) => match v.checked_ilog10().unwrap_or(0) {
             17.. => *v,
             14..17 => v.saturating_mul(1_000),
@@ -60,7 +61,7 @@ fn stamp(time: &Value<'_>) -> Option<Stamp> {
             8..11 => v.saturating_mul(1_000_000_000),
             _ => 0,
         },
-        // protobuf's JSON
+        // RFC 3339 in protobuf's JSON
         Value::Text(v) => {
             let since =
                 humantime::parse_rfc3339(v).ok()?.duration_since(std::time::UNIX_EPOCH).ok()?;
@@ -72,7 +73,7 @@ fn stamp(time: &Value<'_>) -> Option<Stamp> {
     (nanos > 0).then_some(Stamp(nanos))
 }
 
-/// `gz.msgs.Header` has its frame in a list of pairs.
+/// `gz.msgs.Header` has its frame id in a list of key-value pairs.
 fn gazebo_frame<'v>(value: &'v Value<'_>) -> Option<&'v str> {
     let pairs = value.list("header.data")?;
     let pair = pairs.iter().find(|p| p.text("key") == Some("frame_id"))?;

@@ -1,25 +1,29 @@
-//! `ros2idl` and `omgidl` schema text → the layout of a message on the wire (CDR).
+//! Parses `ros2idl` and `omgidl` schemas.
 //!
-//! The subset that ROS 2 generates and people write for DDS: modules, structs, enums, typedefs,
-//! constants as sizes, sequences, bounded strings, arrays. Annotations and preprocessor lines are
-//! passed over; a union is refused where it is used.
+//! The subset that ROS 2 generates and DDS users write: modules, structs, enums, typedefs, constants
+//! as sizes, sequences, bounded strings, arrays. Annotations and preprocessor lines are ignored; the
+//! use of a union is an error.
 
 use std::collections::BTreeMap;
 
-use super::layout::{Definitions, Layout, MOST_NESTED, Primitive, Written, WrittenField, build};
+use super::layout::{
+    Definitions, Layout, MAX_NESTING, Primitive, UnresolvedField, UnresolvedType, build,
+};
 
 /// Parses the text; `name` is `pkg/msg/Type` or `pkg::msg::Type`.
 ///
 /// # Errors
-/// A sentence: what is not understood, an unknown type, a type that holds itself.
+/// The text is not valid in this subset, or a type is unknown or recursive.
 pub fn parse(name: &str, text: &str) -> Result<Layout, String> {
-    let mut parser = Parser { words: words(text), at: 0, scope: Vec::new(), ..Parser::default() };
+    let mut parser = Parser { tokens: tokens(text), at: 0, scope: Vec::new(), ..Parser::default() };
     parser.definitions()?;
     let Parser { mut structs, .. } = parser;
-    let second = || [("sec", Primitive::Int(4)), ("nanosec", Primitive::UInt(4))];
+    let time = || [("sec", Primitive::Int(4)), ("nanosec", Primitive::UInt(4))];
     for known in ["builtin_interfaces::msg::Time", "builtin_interfaces::msg::Duration"] {
-        let fields = second()
-            .map(|(name, p)| WrittenField { name: name.into(), kind: Written::Primitive(p) });
+        let fields = time().map(|(name, p)| UnresolvedField {
+            name: name.into(),
+            kind: UnresolvedType::Primitive(p),
+        });
         structs.entry(known.into()).or_insert_with(|| fields.to_vec());
     }
     let root = name.replace('/', "::");
@@ -35,16 +39,16 @@ fn last(name: &str) -> &str {
     name.rsplit("::").next().unwrap_or(name)
 }
 
-/// Arrays around a type.
-fn arrays(mut kind: &Written) -> usize {
+/// Nesting depth of arrays.
+fn array_depth(mut kind: &UnresolvedType) -> usize {
     let mut depth = 0;
-    while let Written::Array(inner, _) = kind {
+    while let UnresolvedType::Array(inner, _) = kind {
         (kind, depth) = (inner, depth + 1);
     }
     depth
 }
 
-/// The definition a name means: of the innermost scope that has it.
+/// Full name of a definition: of the innermost scope that has it.
 fn in_scope<T>(base: &str, scope: &str, known: &BTreeMap<String, T>) -> Option<String> {
     let base = base.trim_start_matches("::");
     let mut scope = scope;
@@ -61,9 +65,9 @@ fn in_scope<T>(base: &str, scope: &str, known: &BTreeMap<String, T>) -> Option<S
     }
 }
 
-/// Words and signs, without comments, strings, preprocessor lines and the lines between the files.
-fn words(text: &str) -> Vec<String> {
-    let mut words = Vec::new();
+/// Identifiers and punctuation, without comments, preprocessor lines and separators of files.
+fn tokens(text: &str) -> Vec<String> {
+    let mut tokens = Vec::new();
     let mut in_comment = false;
     for line in text.lines() {
         let trimmed = line.trim_start();
@@ -86,10 +90,10 @@ fn words(text: &str) -> Vec<String> {
                 in_comment = true;
                 rest = &rest[2..];
             } else if c == '"' || c == '\'' {
-                // Only annotations and constants have them, and those are passed over.
+                // Strings occur only in annotations and constants, which are ignored.
                 let inside = &rest[1..];
                 rest = inside.find(c).map_or("", |end| &inside[end + 1..]);
-                words.push("\"\"".into());
+                tokens.push("\"\"".into());
             } else if c.is_alphanumeric() || c == '_' || rest.starts_with("::") {
                 let mut end = 0;
                 while let Some(n) = rest[end..].chars().next() {
@@ -101,37 +105,37 @@ fn words(text: &str) -> Vec<String> {
                         break;
                     }
                 }
-                words.push(rest[..end].into());
+                tokens.push(rest[..end].into());
                 rest = &rest[end..];
             } else {
                 if !c.is_whitespace() {
-                    words.push(c.into());
+                    tokens.push(c.into());
                 }
                 rest = &rest[c.len_utf8()..];
             }
         }
     }
-    words
+    tokens
 }
 
 #[derive(Default)]
 struct Parser {
-    words: Vec<String>,
+    tokens: Vec<String>,
     at: usize,
     scope: Vec<String>,
     structs: Definitions,
-    /// typedefs and enums by full name
-    aliases: BTreeMap<String, Written>,
+    /// typedefs and enums, by full name
+    aliases: BTreeMap<String, UnresolvedType>,
     constants: BTreeMap<String, usize>,
 }
 
 impl Parser {
     fn peek(&self) -> &str {
-        self.words.get(self.at).map_or("", String::as_str)
+        self.tokens.get(self.at).map_or("", String::as_str)
     }
 
     fn next(&mut self) -> Result<String, String> {
-        let word = self.words.get(self.at).cloned().ok_or("the IDL schema ends early")?;
+        let word = self.tokens.get(self.at).cloned().ok_or("the IDL schema ends early")?;
         self.at += 1;
         Ok(word)
     }
@@ -147,7 +151,7 @@ impl Parser {
         if found == word {
             Ok(())
         } else {
-            Err(format!("the IDL schema has {found:?} where {word:?} belongs"))
+            Err(format!("the IDL schema has {found:?} instead of {word:?}"))
         }
     }
 
@@ -156,7 +160,7 @@ impl Parser {
     }
 
     fn definitions(&mut self) -> Result<(), String> {
-        while self.at < self.words.len() {
+        while self.at < self.tokens.len() {
             let word = self.next()?;
             match word.as_str() {
                 "module" => {
@@ -179,7 +183,7 @@ impl Parser {
                 "enum" => {
                     let name = self.next()?;
                     let full = self.full(&name);
-                    self.aliases.insert(full, Written::Primitive(Primitive::UInt(4)));
+                    self.aliases.insert(full, UnresolvedType::Primitive(Primitive::UInt(4)));
                     self.skip_until("}")?;
                 }
                 "const" => {
@@ -195,7 +199,7 @@ impl Parser {
                 "union" | "interface" | "bitmask" | "bitset" => self.skip_until("}")?,
                 ";" => {}
                 other => {
-                    return Err(format!("the IDL schema has {other:?} where a definition belongs"));
+                    return Err(format!("the IDL schema has {other:?} instead of a definition"));
                 }
             }
         }
@@ -237,7 +241,7 @@ impl Parser {
             return Ok(());
         }
         if self.accept(":") {
-            return Err(format!("the IDL struct {name} inherits; that is not read"));
+            return Err(format!("the IDL struct {name} inherits, which is not supported"));
         }
         self.expect("{")?;
         let mut fields = Vec::new();
@@ -250,7 +254,7 @@ impl Parser {
             fields.extend(
                 self.declarators(&kind)?
                     .into_iter()
-                    .map(|(name, kind)| WrittenField { name, kind }),
+                    .map(|(name, kind)| UnresolvedField { name, kind }),
             );
         }
         let full = self.full(&name);
@@ -259,7 +263,10 @@ impl Parser {
     }
 
     /// `a, b[3];`
-    fn declarators(&mut self, kind: &Written) -> Result<Vec<(String, Written)>, String> {
+    fn declarators(
+        &mut self,
+        kind: &UnresolvedType,
+    ) -> Result<Vec<(String, UnresolvedType)>, String> {
         let mut found = Vec::new();
         loop {
             let name = self.next()?;
@@ -268,14 +275,13 @@ impl Parser {
                 sizes.push(self.size()?);
                 self.expect("]")?;
             }
-            // Typedefs of typedefs: the depth is bounded here, where it grows.
-            if arrays(kind) + sizes.len() > MOST_NESTED {
-                return Err(format!("the IDL schema nests more than {MOST_NESTED} arrays"));
+            // Typedefs of typedefs add up: limit the depth here.
+            if array_depth(kind) + sizes.len() > MAX_NESTING {
+                return Err(format!("the IDL schema nests more than {MAX_NESTING} arrays"));
             }
-            let kind = sizes
-                .into_iter()
-                .rev()
-                .fold(kind.clone(), |inner, size| Written::Array(Box::new(inner), Some(size)));
+            let kind = sizes.into_iter().rev().fold(kind.clone(), |inner, size| {
+                UnresolvedType::Array(Box::new(inner), Some(size))
+            });
             found.push((name, kind));
             if !self.accept(",") {
                 self.expect(";")?;
@@ -293,7 +299,7 @@ impl Parser {
         word.parse()
             .ok()
             .or_else(constant)
-            .ok_or_else(|| format!("the IDL schema has the size {word:?}"))
+            .ok_or_else(|| format!("the IDL schema has an invalid size {word:?}"))
     }
 
     fn bound(&mut self) -> Result<(), String> {
@@ -304,13 +310,13 @@ impl Parser {
         Ok(())
     }
 
-    fn kind(&mut self) -> Result<Written, String> {
+    fn kind(&mut self) -> Result<UnresolvedType, String> {
         let mut sequences = 0;
         while self.accept("sequence") {
             self.expect("<")?;
             sequences += 1;
-            if sequences > MOST_NESTED {
-                return Err(format!("the IDL schema nests more than {MOST_NESTED} sequences"));
+            if sequences > MAX_NESTING {
+                return Err(format!("the IDL schema nests more than {MAX_NESTING} sequences"));
             }
         }
         let word = self.next()?;
@@ -327,7 +333,7 @@ impl Parser {
             "float" => Some(Primitive::Float(4)),
             "double" => Some(Primitive::Float(8)),
             "long" if self.accept("double") => {
-                return Err("the IDL schema has a long double; that is not read".into());
+                return Err("the IDL schema has a long double, which is not supported".into());
             }
             "long" => Some(Primitive::Int(if self.accept("long") { 8 } else { 4 })),
             "unsigned" => Some(match self.next()?.as_str() {
@@ -342,17 +348,17 @@ impl Parser {
         };
         let scope = self.scope.join("::");
         let mut kind = match primitive {
-            Some(p) => Written::Primitive(p),
+            Some(p) => UnresolvedType::Primitive(p),
             None => in_scope(&word, &scope, &self.aliases)
                 .and_then(|full| self.aliases.get(&full).cloned())
-                .unwrap_or(Written::Named(word)),
+                .unwrap_or(UnresolvedType::Named(word)),
         };
         for _ in 0..sequences {
             if self.accept(",") {
                 self.size()?;
             }
             self.expect(">")?;
-            kind = Written::Array(Box::new(kind), None);
+            kind = UnresolvedType::Array(Box::new(kind), None);
         }
         Ok(kind)
     }
@@ -364,7 +370,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_ros_generates_is_read() {
+    fn schemas_generated_by_ros_are_parsed() {
         let text = "================\nIDL: p/msg/Dvl\n// made\n#include \
                     \"p/msg/Beam.idl\"\nmodule p { module msg {\n  typedef double double__3[3];\n  \
                     module Dvl_Constants { const uint8 MODE = 1; };\n  /* a\n  dvl */ @verbatim \
@@ -384,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn text_without_sense_is_refused() {
+    fn invalid_text_is_rejected() {
         for text in [
             "struct A { A a; };",
             "struct A { sequence<",

@@ -1,8 +1,6 @@
-//! JSON messages: with a JSON Schema, or with none at all; then the first message says what shape
-//! they have.
+//! JSON messages, with a JSON Schema or without any schema; then the first message gives the layout.
 //!
-//! `data` as base64 (Foxglove's schemas say so with `contentEncoding`) or as a list of bytes
-//! becomes bytes.
+//! `data` in base64 (`contentEncoding` in Foxglove's schemas) or as a list of bytes becomes bytes.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -11,13 +9,13 @@ use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use serde_json::Value as Json;
 
-use super::layout::{Fields, Layout, MOST_NESTED, Primitive, Type};
+use super::layout::{Fields, Layout, MAX_NESTING, Primitive, Type};
 use super::value::Value;
 
 /// Layout of a JSON Schema.
 ///
 /// # Errors
-/// A sentence: no JSON, a `$ref` that leads nowhere, a type that holds itself.
+/// The schema is not JSON, has an undefined `$ref`, or a recursive type.
 pub fn parse_schema(text: &[u8]) -> Result<Layout, String> {
     let schema: Json = serde_json::from_slice(text)
         .map_err(|e| format!("the JSON schema cannot be parsed: {e}"))?;
@@ -30,6 +28,7 @@ pub fn parse_schema(text: &[u8]) -> Result<Layout, String> {
 
 struct SchemaReader<'s> {
     root: &'s Json,
+    /// references being followed
     open: Vec<String>,
     records: Vec<Fields>,
     depth: usize,
@@ -37,7 +36,7 @@ struct SchemaReader<'s> {
 
 impl<'s> SchemaReader<'s> {
     fn fields(&mut self, schema: &'s Json) -> Result<Fields, String> {
-        let (schema, opened) = self.followed(schema)?;
+        let (schema, opened) = self.follow(schema)?;
         let mut fields = Fields::new();
         for (name, property) in schema["properties"].as_object().into_iter().flatten() {
             if let Some(kind) = self.kind(property)? {
@@ -51,12 +50,12 @@ impl<'s> SchemaReader<'s> {
         Ok(fields)
     }
 
-    /// What `$ref` points to, and how many were followed.
-    fn followed(&mut self, mut schema: &'s Json) -> Result<(&'s Json, usize), String> {
+    /// The target of a chain of `$ref`, and its length.
+    fn follow(&mut self, mut schema: &'s Json) -> Result<(&'s Json, usize), String> {
         let mut opened = 0;
         while let Some(target) = schema["$ref"].as_str() {
             if self.open.iter().any(|o| o == target) {
-                return Err(format!("the schema's type {target} holds itself"));
+                return Err(format!("the schema's type {target} contains itself"));
             }
             let path = target
                 .strip_prefix('#')
@@ -71,14 +70,14 @@ impl<'s> SchemaReader<'s> {
         Ok((schema, opened))
     }
 
-    /// `None` for what no field of ours can be.
+    /// `None` for types that no decoder reads.
     fn kind(&mut self, schema: &'s Json) -> Result<Option<Type>, String> {
-        if self.depth >= MOST_NESTED {
-            return Err(format!("the schema nests more than {MOST_NESTED} types"));
+        if self.depth >= MAX_NESTING {
+            return Err(format!("the schema nests more than {MAX_NESTING} types"));
         }
         self.depth += 1;
-        let (followed, opened) = self.followed(schema)?;
-        // ["number", "null"] is a number that may be absent.
+        let (followed, opened) = self.follow(schema)?;
+        // ["number", "null"] is an optional number.
         let word = match &followed["type"] {
             Json::Array(words) => words.iter().filter_map(Json::as_str).find(|w| *w != "null"),
             word => word.as_str(),
@@ -105,10 +104,10 @@ impl<'s> SchemaReader<'s> {
     }
 }
 
-/// The layout that a message without any schema shows.
+/// The layout of a message without a schema.
 ///
 /// # Errors
-/// It is no JSON object.
+/// The message is not a JSON object.
 pub fn layout_of(message: &[u8]) -> Result<Layout, String> {
     fn kind(value: &Value<'_>, records: &mut Vec<Fields>) -> Type {
         match value {
@@ -137,22 +136,22 @@ pub fn layout_of(message: &[u8]) -> Result<Layout, String> {
     Ok(Layout { records })
 }
 
-/// Reads one message; the layout says which texts are base64.
+/// Reads one message; the layout marks the strings that are base64.
 ///
 /// # Errors
-/// It is no JSON object.
+/// The message is not a JSON object.
 pub fn read<'a>(layout: Option<&Layout>, message: &'a [u8]) -> Result<Value<'a>, String> {
-    // serde_json refuses more than 128 levels.
+    // serde_json limits the nesting to 128 levels.
     let json: Json =
-        serde_json::from_slice(message).map_err(|e| format!("the message is no JSON: {e}"))?;
+        serde_json::from_slice(message).map_err(|e| format!("the message is not JSON: {e}"))?;
     if !json.is_object() {
-        return Err("the message is no JSON object".into());
+        return Err("the message is not a JSON object".into());
     }
     let root = layout.and_then(|l| l.records.len().checked_sub(1)).map(Type::Record);
     Ok(value(json, layout.zip(root.as_ref()), "").unwrap_or(Value::Record(Vec::new())))
 }
 
-/// `None` for null: the field is absent then.
+/// `None` for null, which means an absent field.
 fn value<'a>(json: Json, kind: Option<(&Layout, &Type)>, name: &str) -> Option<Value<'a>> {
     let element = kind.and_then(|(layout, kind)| {
         if let Type::Array(element, _) = kind { Some((layout, element.as_ref())) } else { None }
@@ -175,7 +174,7 @@ fn value<'a>(json: Json, kind: Option<(&Layout, &Type)>, name: &str) -> Option<V
                 return Some(Value::Bytes(Cow::Owned(bytes)));
             }
             if list.iter().all(|v| v.is_number() || v.is_null()) {
-                // null stands for NaN, which JSON does not have
+                // JSON has no NaN; writers use null
                 Value::Numbers(list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect())
             } else {
                 Value::List(list.into_iter().filter_map(|v| value(v, element, name)).collect())
@@ -210,9 +209,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn references_are_followed_and_loops_refused() {
-        let schema = br##"{"properties": {"beams": {"type": "array", "items": {"$ref": "#/$defs/beam"}}, "data": {"type": "string", "contentEncoding": "base64"}},
-            "$defs": {"beam": {"type": "object", "properties": {"distance": {"type": ["null", "number"]}}}}}"##;
+    fn references_are_followed_and_cycles_rejected() {
+        let schema = br##"{"properties": {
+            "beams": {"type": "array", "items": {"$ref": "#/$defs/beam"}},
+            "data": {"type": "string", "contentEncoding": "base64"}},
+            "$defs": {"beam": {"type": "object",
+                "properties": {"distance": {"type": ["null", "number"]}}}}}"##;
         let layout = parse_schema(schema).expect("a layout");
         assert!(layout.has("beams.distance") && layout.type_at("data") == Some(&Type::bytes()));
         let value = read(Some(&layout), br#"{"beams": [{"distance": 1.5}], "data": "AQI="}"#)
@@ -221,12 +223,13 @@ mod tests {
             (value.bytes("data"), value.list("beams").map(|l| l[0].number("distance"))),
             (Some(&[1u8, 2][..]), Some(Some(1.5)))
         );
-        let looped = br##"{"properties": {"a": {"$ref": "#"}}, "$ref": "#/x", "x": {"properties": {"a": {"$ref": "#/x"}}}}"##;
-        assert!(parse_schema(looped).expect_err("a loop").contains("holds itself"));
+        let looped = br##"{"properties": {"a": {"$ref": "#"}},
+            "$ref": "#/x", "x": {"properties": {"a": {"$ref": "#/x"}}}}"##;
+        assert!(parse_schema(looped).expect_err("cycle").contains("contains itself"));
     }
 
     #[test]
-    fn a_message_without_schema_shows_its_own_shape() {
+    fn a_message_without_schema_gives_its_own_layout() {
         let layout = layout_of(
             br#"{"header": {"stamp": {"sec": 1, "nanosec": 2}}, "range": [1, null, 2.5, 3]}"#,
         )

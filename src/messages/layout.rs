@@ -1,8 +1,7 @@
-//! The layout of a message, whatever language its schema is written in: named fields, arrays,
-//! messages in messages.
+//! The layout of a message, independent of its schema language: named fields, arrays, nested
+//! messages.
 //!
-//! A schema is foreign text: types that hold themselves and nesting without end are refused with a
-//! sentence.
+//! Schemas are untrusted input: recursive types and excessive nesting are errors.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,33 +11,33 @@ use super::value::same_name;
 /// A primitive of the interface languages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Primitive {
-    /// true or false, one byte
+    /// one byte
     Bool,
-    /// signed integer of so many bytes
+    /// signed integer; size [byte]
     Int(usize),
-    /// unsigned integer of so many bytes
+    /// unsigned integer; size [byte]
     UInt(usize),
-    /// float of so many bytes
+    /// IEEE float; size [byte]
     Float(usize),
-    /// text, also bounded
+    /// string, also bounded
     Text,
-    /// text of 16-bit units, also bounded
+    /// string of 16-bit units, also bounded
     WideText,
 }
 
 /// The type of a field.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Type {
-    /// a primitive
+    /// number, bool or string
     Primitive(Primitive),
-    /// a message: index into [`Layout::records`]
+    /// message: index into [`Layout::records`]
     Record(usize),
-    /// an array: fixed length, or a length on the wire
+    /// array: fixed length, or `None` for a length on the wire
     Array(Box<Type>, Option<usize>),
 }
 
 impl Type {
-    /// Bytes as they are: a picture, mostly.
+    /// `uint8[]`, mostly image data.
     pub fn bytes() -> Self {
         Self::Array(Box::new(Self::Primitive(Primitive::UInt(1))), None)
     }
@@ -47,15 +46,15 @@ impl Type {
 /// Fields of one message, in the order of its schema.
 pub type Fields = Vec<(Arc<str>, Type)>;
 
-/// A message definition and all it depends on.
+/// A message definition with its dependencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// fields of each message; the last one is the root
     pub records: Vec<Fields>,
 }
 
-/// Messages nested deeper than this are no sensor's.
-pub const MOST_NESTED: usize = 64;
+/// Deepest nesting of messages that is accepted.
+pub const MAX_NESTING: usize = 64;
 
 impl Layout {
     /// The root message's fields.
@@ -63,7 +62,7 @@ impl Layout {
         self.records.last().map_or(&[], Vec::as_slice)
     }
 
-    /// Whether a dotted path exists; arrays are passed through (`beams.distance`).
+    /// Whether a dotted path exists; a path may lead through arrays (`beams.distance`).
     pub fn has(&self, path: &str) -> bool {
         self.type_at(path).is_some()
     }
@@ -84,7 +83,7 @@ impl Layout {
         matches!(self.type_at(path), Some(Type::Primitive(Float(_) | Int(_) | UInt(_))))
     }
 
-    /// The type at a dotted path; arrays are passed through.
+    /// The type at a dotted path, which may lead through arrays.
     pub fn type_at(&self, path: &str) -> Option<&Type> {
         let mut fields = self.root();
         let mut names = path.split('.').peekable();
@@ -104,34 +103,34 @@ impl Layout {
     }
 }
 
-/// A type as it is written, names not yet resolved.
+/// A type of a schema, names not yet resolved.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Written {
-    /// a primitive
+pub enum UnresolvedType {
+    /// number, bool or string
     Primitive(Primitive),
-    /// a message, by whatever name
+    /// message, by its name as written
     Named(String),
-    /// an array of something
-    Array(Box<Written>, Option<usize>),
+    /// array: fixed length, or `None` for a length on the wire
+    Array(Box<UnresolvedType>, Option<usize>),
 }
 
-/// A field as it is written.
+/// A field of a schema.
 #[derive(Clone, Debug, PartialEq)]
-pub struct WrittenField {
-    /// its name
+pub struct UnresolvedField {
+    /// as written in the schema
     pub name: String,
-    /// its type
-    pub kind: Written,
+    /// of the field
+    pub kind: UnresolvedType,
 }
 
 /// Definitions by full name.
-pub type Definitions = BTreeMap<String, Vec<WrittenField>>;
+pub type Definitions = BTreeMap<String, Vec<UnresolvedField>>;
 
-/// Definitions → layout, and the full name of each of its records. `resolve` finds the full name of
-/// a name used inside another definition.
+/// The layout of a set of definitions, and the full name of each of its records. `resolve` maps a
+/// name and the definition that uses it to a full name.
 ///
 /// # Errors
-/// A sentence: a type that nobody defines or that holds itself.
+/// A type is undefined or recursive.
 pub fn build(
     definitions: &Definitions,
     root: &str,
@@ -164,17 +163,17 @@ impl Builder<'_> {
             return Ok(*index);
         }
         if self.open.iter().any(|n| n == name) {
-            return Err(format!("the schema's type {name} holds itself"));
+            return Err(format!("the schema's type {name} contains itself"));
         }
-        if self.open.len() >= MOST_NESTED {
-            return Err(format!("the schema nests more than {MOST_NESTED} types"));
+        if self.open.len() >= MAX_NESTING {
+            return Err(format!("the schema nests more than {MAX_NESTING} types"));
         }
-        let written = self
+        let unresolved = self
             .definitions
             .get(name)
             .ok_or_else(|| format!("the schema does not define its type {name}"))?;
         self.open.push(name.into());
-        let fields = written
+        let fields = unresolved
             .iter()
             .map(|f| Ok((Arc::from(f.name.as_str()), self.kind(&f.kind, name)?)))
             .collect::<Result<_, String>>()?;
@@ -185,13 +184,13 @@ impl Builder<'_> {
         Ok(self.records.len() - 1)
     }
 
-    fn kind(&mut self, written: &Written, scope: &str) -> Result<Type, String> {
-        Ok(match written {
-            Written::Primitive(p) => Type::Primitive(*p),
-            Written::Array(element, size) => {
+    fn kind(&mut self, unresolved: &UnresolvedType, scope: &str) -> Result<Type, String> {
+        Ok(match unresolved {
+            UnresolvedType::Primitive(p) => Type::Primitive(*p),
+            UnresolvedType::Array(element, size) => {
                 Type::Array(Box::new(self.kind(element, scope)?), *size)
             }
-            Written::Named(name) => {
+            UnresolvedType::Named(name) => {
                 let full = (self.resolve)(name, scope)
                     .ok_or_else(|| format!("the schema does not define {name}, used in {scope}"))?;
                 Type::Record(self.record(&full)?)

@@ -1,73 +1,63 @@
-//! MAVLink `DISTANCE_SENSOR` as messages of its own fields, bare or as mavlink2rest writes them
-//! (`message.…`).
+//! MAVLink `DISTANCE_SENSOR`, bare or inside mavlink2rest's envelope (`message.…`).
 //!
-//! Centimetres. Id 0 looking down is an altitude; a fork of BlueOS's Water Linked extension sends
-//! ids 1 to 4, one message per beam, its azimuth in `orientation`. Beams of several messages come
-//! together in the plane's window.
+//! Centimetres. A sensor that points down gives an altitude. A fork of BlueOS's Water Linked
+//! extension sends one message per beam, with ids 1 to 4 and its azimuth in `orientation`; the
+//! plane fit joins the beams of several messages.
 
-use super::{PingReading, Value, header, layout::Layout, missing};
-use crate::units::{Altitude, SlantRange, Stamp};
-use crate::vehicle::{Beam, DvlFacts, JanusArray, Ping};
+use super::layout::Layout;
+use super::reading::{PingReading, missing};
+use super::value::Value;
+use crate::units::SlantRange;
+use crate::vehicle::{Beam, DvlFacts, JanusArray};
 
-/// `signal_quality` of a reading that is none.
+/// `signal_quality` of an invalid reading.
 const INVALID: i64 = 1;
 /// `MAV_SENSOR_ROTATION_PITCH_270`: straight down.
 const DOWN: i64 = 25;
-/// The extension is Water Linked's A50.
+/// Angle between beams and axis of the Water Linked A50, which the extension drives [deg].
 const JANUS_DEG: f64 = 22.5;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
-    ["", "message."].iter().any(|p| {
-        ["current_distance", "orientation", "max_distance"]
-            .iter()
-            .all(|f| layout.has(&format!("{p}{f}")))
-    })
+    let fields = ["current_distance", "orientation", "max_distance"];
+    ["", "message."].iter().any(|p| fields.iter().all(|f| layout.has(&format!("{p}{f}"))))
 }
 
-pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
-    let stamp = header(value).stamp.unwrap_or(Stamp(0));
-    let value = value.get("message").unwrap_or(value);
+pub fn decode(message: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
+    let value = message.get("message").unwrap_or(message);
     let centimetres =
         value.number("current_distance").ok_or_else(|| missing("current_distance"))?;
-    let (least, most) =
-        (value.number("min_distance").unwrap_or(0.0), value.number("max_distance").unwrap_or(0.0));
-    let within = centimetres > least && (most <= 0.0 || centimetres < most);
+    let limit = |field: &str| value.number(field).unwrap_or(0.0);
+    let (min, max) = (limit("min_distance"), limit("max_distance"));
+    let within = centimetres > min && (max <= 0.0 || centimetres < max);
     let valid = value.integer("signal_quality") != Some(INVALID) && within;
     let range = valid.then_some(centimetres * 0.01 * facts.sound_speed_ratio.unwrap_or(1.0));
-    let orientation = value
-        .integer("orientation")
-        .or_else(|| rotation_named(value.text("orientation.type").or(value.text("orientation"))?));
-    let ping = match orientation {
-        // YAW_45 to YAW_315 in steps of 45°
-        Some(turns @ 0..=7) => {
-            let array =
-                JanusArray { janus_angle_deg: JANUS_DEG, azimuths_deg: vec![45.0 * turns as f64] };
-            let direction = array.directions().first().copied().ok_or("no direction")?;
-            Ping {
-                stamp,
-                beams: vec![Beam { direction, range: range.map(SlantRange) }],
-                altitude: None,
-                velocity_m_per_s: None,
-            }
-        }
-        Some(DOWN) => {
-            Ping { stamp, beams: Vec::new(), altitude: range.map(Altitude), velocity_m_per_s: None }
-        }
-        other => {
-            return Err(format!(
-                "a distance sensor that looks neither down nor along a beam (orientation {other:?})"
-            ));
-        }
-    };
-    let warning = (!ping.beams.is_empty()).then(|| {
-        format!("one message per beam: {JANUS_DEG}° off the axis, azimuth by its orientation")
+    let orientation = value.integer("orientation").or_else(|| {
+        orientation_named(value.text("orientation.type").or(value.text("orientation"))?)
     });
-    Ok(PingReading { ping: Some(ping), warning, ..PingReading::default() })
+    match orientation {
+        // YAW_45 to YAW_315 in steps of 45°
+        Some(steps @ 0..=7) => {
+            let array =
+                JanusArray { janus_angle_deg: JANUS_DEG, azimuths_deg: vec![45.0 * steps as f64] };
+            let direction = array.directions().first().copied().ok_or("no direction")?;
+            let beam = Beam { direction, range: range.map(SlantRange) };
+            Ok(PingReading {
+                warning: Some(format!(
+                    "one message per beam: {JANUS_DEG}° off the axis, azimuth from its orientation"
+                )),
+                ..PingReading::of_beams(message, vec![beam])
+            })
+        }
+        Some(DOWN) => Ok(PingReading::of_altitude(message, range)),
+        other => Err(format!(
+            "a distance sensor that points neither down nor along a beam (orientation {other:?})"
+        )),
+    }
 }
 
-fn rotation_named(word: &str) -> Option<i64> {
-    let word = word.rsplit("ROTATION_").next()?;
-    match word {
+/// Number of a `MAV_SENSOR_ORIENTATION` by its name.
+fn orientation_named(name: &str) -> Option<i64> {
+    match name.rsplit("ROTATION_").next()? {
         "NONE" => Some(0),
         "PITCH_270" => Some(DOWN),
         yaw => yaw

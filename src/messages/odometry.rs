@@ -2,14 +2,14 @@
 
 use nalgebra::UnitQuaternion;
 
-use super::{Value, attitude, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::rotation;
+use super::value::Value;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     layout.has("pose.pose.orientation.w") && layout.has("child_frame_id")
 }
 
 pub fn decode(value: &Value<'_>) -> Result<Option<UnitQuaternion<f64>>, String> {
-    Ok(attitude(
-        value.xyzw("pose.pose.orientation").ok_or_else(|| missing("pose.pose.orientation"))?,
-    ))
+    rotation(value, "pose.pose.orientation")
 }

@@ -3,7 +3,7 @@
 //! show best; protobuf with Foxglove's schemas or ROS 1 by choice.
 
 use super::Header;
-use super::descriptor::{self, Form, ProtoType};
+use super::descriptor::{self, FieldType, ProtoType};
 use super::writer::{WireFormat, Writer};
 use crate::units::Stamp;
 use crate::vehicle::Camera;
@@ -114,10 +114,10 @@ pub const COMPRESSED_IMAGE: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.CompressedImage",
         fields: &[
-            ("timestamp", 1, Form::Time),
-            ("frame_id", 4, Form::Text),
-            ("data", 2, Form::Bytes),
-            ("format", 3, Form::Text),
+            ("timestamp", 1, FieldType::Time),
+            ("frame_id", 4, FieldType::Text),
+            ("data", 2, FieldType::Bytes),
+            ("format", 3, FieldType::Text),
         ],
     }),
 };
@@ -133,13 +133,13 @@ pub const IMAGE: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.RawImage",
         fields: &[
-            ("timestamp", 1, Form::Time),
-            ("frame_id", 7, Form::Text),
-            ("width", 2, Form::Fixed32),
-            ("height", 3, Form::Fixed32),
-            ("encoding", 4, Form::Text),
-            ("step", 5, Form::Fixed32),
-            ("data", 6, Form::Bytes),
+            ("timestamp", 1, FieldType::Time),
+            ("frame_id", 7, FieldType::Text),
+            ("width", 2, FieldType::Fixed32),
+            ("height", 3, FieldType::Fixed32),
+            ("encoding", 4, FieldType::Text),
+            ("step", 5, FieldType::Fixed32),
+            ("data", 6, FieldType::Bytes),
         ],
     }),
 };
@@ -161,15 +161,15 @@ pub const CAMERA_INFO: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.CameraCalibration",
         fields: &[
-            ("timestamp", 1, Form::Time),
-            ("frame_id", 9, Form::Text),
-            ("width", 2, Form::Fixed32),
-            ("height", 3, Form::Fixed32),
-            ("distortion_model", 4, Form::Text),
-            ("D", 5, Form::Doubles),
-            ("K", 6, Form::Doubles),
-            ("R", 7, Form::Doubles),
-            ("P", 8, Form::Doubles),
+            ("timestamp", 1, FieldType::Time),
+            ("frame_id", 9, FieldType::Text),
+            ("width", 2, FieldType::Fixed32),
+            ("height", 3, FieldType::Fixed32),
+            ("distortion_model", 4, FieldType::Text),
+            ("D", 5, FieldType::Doubles),
+            ("K", 6, FieldType::Doubles),
+            ("R", 7, FieldType::Doubles),
+            ("P", 8, FieldType::Doubles),
         ],
     }),
 };
@@ -231,7 +231,7 @@ pub const MULTI_ARRAY: OutputType = OutputType {
     ros1: None,
     protobuf: Some(&ProtoType {
         name: "unwater_msgs.Numbers",
-        fields: &[("label", 1, Form::Text), ("data", 2, Form::Doubles)],
+        fields: &[("label", 1, FieldType::Text), ("data", 2, FieldType::Doubles)],
     }),
 };
 
@@ -249,16 +249,19 @@ pub const LOG: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.Log",
         fields: &[
-            ("timestamp", 1, Form::Time),
+            ("timestamp", 1, FieldType::Time),
             (
                 "level",
                 2,
-                Form::Choice("Level", &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]),
+                FieldType::Enum(
+                    "Level",
+                    &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"],
+                ),
             ),
-            ("message", 3, Form::Text),
-            ("name", 4, Form::Text),
-            ("file", 5, Form::Text),
-            ("line", 6, Form::Fixed32),
+            ("message", 3, FieldType::Text),
+            ("name", 4, FieldType::Text),
+            ("file", 5, FieldType::Text),
+            ("line", 6, FieldType::Fixed32),
         ],
     }),
 };

@@ -1,12 +1,12 @@
-//! Ping1D shapes (Blue Robotics' echo sounder): `distance` in millimetres with `confidence` in
-//! percent.
+//! Ping1D shapes (Blue Robotics' echo sounder): `distance` in millimetres, `confidence` in percent.
 
-use super::{PingReading, Value, header, layout::Layout, missing};
-use crate::units::{Altitude, Stamp};
-use crate::vehicle::{DvlFacts, Ping};
+use super::layout::Layout;
+use super::reading::{PingReading, missing};
+use super::value::Value;
+use crate::vehicle::DvlFacts;
 
-/// Below this the sounder is guessing [%].
-const LEAST_CONFIDENCE: f64 = 60.0;
+/// Readings of a lower confidence are not reliable [%].
+const MIN_CONFIDENCE: f64 = 60.0;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     layout.is_number("distance") && layout.is_number("confidence")
@@ -14,18 +14,11 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 
 pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
     let distance = value.number("distance").ok_or_else(|| missing("distance"))?;
-    let sure = value.number("confidence").is_none_or(|c| c >= LEAST_CONFIDENCE);
+    let confident = value.number("confidence").is_none_or(|c| c >= MIN_CONFIDENCE);
     let altitude = distance * facts.unit_m.unwrap_or(1e-3) * facts.sound_speed_ratio.unwrap_or(1.0);
-    let altitude = (sure && altitude > 0.0 && altitude.is_finite()).then_some(Altitude(altitude));
-    let ping = Ping {
-        stamp: header(value).stamp.unwrap_or(Stamp(0)),
-        beams: Vec::new(),
-        altitude,
-        velocity_m_per_s: None,
-    };
+    let altitude = (confident && altitude > 0.0 && altitude.is_finite()).then_some(altitude);
     Ok(PingReading {
-        ping: Some(ping),
-        warning: Some("an echo sounder's wide cone: its distance is read as an altitude".into()),
-        ..PingReading::default()
+        warning: Some("an echo sounder has a wide cone: its distance is used as altitude".into()),
+        ..PingReading::of_altitude(value, altitude)
     })
 }

@@ -1,57 +1,56 @@
-//! Protocol Buffers: the `FileDescriptorSet` in the schema's data → layout, and messages by it.
+//! Protocol Buffers: parses the `FileDescriptorSet` of a schema, and reads messages by it.
 //!
-//! Small and our own, since a picture's bytes are borrowed and a few wire types are all there is.
-//! Fields that a message leaves out get proto3's defaults; members of a `oneof`, `optional` fields
-//! and messages stay absent.
+//! Not a library, because image data is borrowed and only a few wire types are needed. Fields that
+//! are not on the wire get proto3's defaults; members of a `oneof`, `optional` fields and messages
+//! stay absent.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use super::layout::{
-    Definitions, Layout, MOST_NESTED, Primitive, Type, Written, WrittenField, build,
+    Definitions, Layout, MAX_NESTING, Primitive, Type, UnresolvedField, UnresolvedType, build,
 };
 use super::value::{Budget, Value};
 
-/// How a field lies on the wire.
+/// Wire encoding of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Coding {
     Varint,
-    /// zigzag
-    Signed,
+    /// varint in zigzag encoding
+    Zigzag,
     Fixed32,
     Fixed64,
-    /// text, bytes, messages
-    Sized,
+    /// strings, bytes, messages
+    LengthDelimited,
 }
 
-/// What the wire needs to know of a field, beyond its layout.
+/// Number and wire encoding of a field, beside its layout.
 #[derive(Clone, Copy, Debug)]
 struct Tag {
     number: u64,
     coding: Coding,
-    /// absent on the wire means absent
+    /// has no default value
     optional: bool,
 }
 
-/// A message type and all it depends on.
+/// A message type with its dependencies.
 #[derive(Debug)]
 pub struct Schema {
-    /// names and types
     pub layout: Layout,
-    /// beside the layout's fields
+    /// one per record and field of the layout
     tags: Vec<Vec<Tag>>,
 }
 
-/// A field's number and what it holds.
-enum Wire<'a> {
+/// Content of a field on the wire.
+enum WireValue<'a> {
     Varint(u64),
     Fixed64(u64),
     Fixed32(u32),
-    Sized(&'a [u8]),
+    LengthDelimited(&'a [u8]),
 }
 
-/// Reads one field off the front.
-fn field<'a>(bytes: &mut &'a [u8]) -> Result<(u64, Wire<'a>), String> {
+/// Takes one field off the front: its number and content.
+fn field<'a>(bytes: &mut &'a [u8]) -> Result<(u64, WireValue<'a>), String> {
     fn fixed<const N: usize>(bytes: &mut &[u8]) -> Result<[u8; N], String> {
         let (head, tail) =
             bytes.split_first_chunk::<N>().ok_or("the message ends inside a number")?;
@@ -60,18 +59,19 @@ fn field<'a>(bytes: &mut &'a [u8]) -> Result<(u64, Wire<'a>), String> {
     }
     let key = varint(bytes)?;
     let wire = match key & 7 {
-        0 => Wire::Varint(varint(bytes)?),
-        1 => Wire::Fixed64(u64::from_le_bytes(fixed(bytes)?)),
+        0 => WireValue::Varint(varint(bytes)?),
+        1 => WireValue::Fixed64(u64::from_le_bytes(fixed(bytes)?)),
         2 => {
             let length = varint(bytes)?;
             let split = usize::try_from(length).ok().and_then(|n| bytes.split_at_checked(n));
-            let (head, tail) = split
-                .ok_or_else(|| format!("a field of {length} bytes in the {} left", bytes.len()))?;
+            let (head, tail) = split.ok_or_else(|| {
+                format!("a field of {length} bytes in the remaining {}", bytes.len())
+            })?;
             *bytes = tail;
-            Wire::Sized(head)
+            WireValue::LengthDelimited(head)
         }
-        5 => Wire::Fixed32(u32::from_le_bytes(fixed(bytes)?)),
-        other => return Err(format!("the protobuf wire type {other} is not read")),
+        5 => WireValue::Fixed32(u32::from_le_bytes(fixed(bytes)?)),
+        other => return Err(format!("the protobuf wire type {other} is not supported")),
     };
     Ok((key >> 3, wire))
 }
@@ -89,26 +89,26 @@ fn varint(bytes: &mut &[u8]) -> Result<u64, String> {
     Err("a number of more than ten bytes".into())
 }
 
-/// Definitions of a descriptor set, by full name, with their tags.
+/// Definitions of a descriptor set and their tags, by full name.
 #[derive(Default)]
 struct Descriptors {
     definitions: Definitions,
     tags: BTreeMap<String, Vec<Tag>>,
 }
 
-fn text(wire: &Wire<'_>) -> String {
-    if let Wire::Sized(bytes) = wire {
+fn text(wire: &WireValue<'_>) -> String {
+    if let WireValue::LengthDelimited(bytes) = wire {
         String::from_utf8_lossy(bytes).into_owned()
     } else {
         String::new()
     }
 }
 
-/// The sized fields of this number.
-fn parts(mut bytes: &[u8], number: u64) -> Result<Vec<&[u8]>, String> {
+/// The length-delimited fields of one number.
+fn fields_numbered(mut bytes: &[u8], number: u64) -> Result<Vec<&[u8]>, String> {
     let mut found = Vec::new();
     while !bytes.is_empty() {
-        if let (n, Wire::Sized(part)) = field(&mut bytes)?
+        if let (n, WireValue::LengthDelimited(part)) = field(&mut bytes)?
             && n == number
         {
             found.push(part);
@@ -121,12 +121,12 @@ impl Descriptors {
     /// `FileDescriptorSet.file` → `package`, `message_type`
     fn read(set: &[u8]) -> Result<Self, String> {
         let mut all = Self::default();
-        for file in parts(set, 1)? {
-            let package = parts(file, 2)?
+        for file in fields_numbered(set, 1)? {
+            let package = fields_numbered(file, 2)?
                 .first()
                 .map(|p| String::from_utf8_lossy(p).into_owned())
                 .unwrap_or_default();
-            for message in parts(file, 4)? {
+            for message in fields_numbered(file, 4)? {
                 all.message(&package, message, 0)?;
             }
         }
@@ -135,19 +135,19 @@ impl Descriptors {
 
     /// `DescriptorProto`: name = 1, field = 2, nested_type = 3
     fn message(&mut self, scope: &str, descriptor: &[u8], depth: usize) -> Result<(), String> {
-        if depth > MOST_NESTED {
-            return Err(format!("the schema nests more than {MOST_NESTED} types"));
+        if depth > MAX_NESTING {
+            return Err(format!("the schema nests more than {MAX_NESTING} types"));
         }
-        let name = parts(descriptor, 1)?
+        let name = fields_numbered(descriptor, 1)?
             .first()
             .map(|p| String::from_utf8_lossy(p).into_owned())
             .unwrap_or_default();
         let full = if scope.is_empty() { name } else { format!("{scope}.{name}") };
-        for nested in parts(descriptor, 3)? {
+        for nested in fields_numbered(descriptor, 3)? {
             self.message(&full, nested, depth + 1)?;
         }
         let (mut fields, mut tags) = (Vec::new(), Vec::new());
-        for part in parts(descriptor, 2)? {
+        for part in fields_numbered(descriptor, 2)? {
             let (field, tag) = field_descriptor(part)?;
             fields.push(field);
             tags.push(tag);
@@ -160,56 +160,59 @@ impl Descriptors {
 
 /// `FieldDescriptorProto`: name = 1, number = 3, label = 4, type = 5, type_name = 6, oneof_index =
 /// 9
-fn field_descriptor(mut bytes: &[u8]) -> Result<(WrittenField, Tag), String> {
+fn field_descriptor(mut bytes: &[u8]) -> Result<(UnresolvedField, Tag), String> {
     let (mut name, mut type_name, mut number, mut label, mut kind, mut optional) =
         (String::new(), String::new(), 0, 0, 0, false);
     while !bytes.is_empty() {
         match field(&mut bytes)? {
             (1, wire) => name = text(&wire),
             (6, wire) => type_name = text(&wire).trim_start_matches('.').into(),
-            (3, Wire::Varint(v)) => number = v,
-            (4, Wire::Varint(v)) => label = v,
-            (5, Wire::Varint(v)) => kind = v,
+            (3, WireValue::Varint(v)) => number = v,
+            (4, WireValue::Varint(v)) => label = v,
+            (5, WireValue::Varint(v)) => kind = v,
             (9, _) => optional = true,
             _ => {}
         }
     }
-    let plain = Written::Primitive;
-    let (written, coding) = match kind {
-        1 => (plain(Primitive::Float(8)), Coding::Fixed64),
-        2 => (plain(Primitive::Float(4)), Coding::Fixed32),
-        3 => (plain(Primitive::Int(8)), Coding::Varint),
-        4 => (plain(Primitive::UInt(8)), Coding::Varint),
-        5 | 14 => (plain(Primitive::Int(4)), Coding::Varint),
-        6 => (plain(Primitive::UInt(8)), Coding::Fixed64),
-        7 => (plain(Primitive::UInt(4)), Coding::Fixed32),
-        8 => (plain(Primitive::Bool), Coding::Varint),
-        9 => (plain(Primitive::Text), Coding::Sized),
-        11 => (Written::Named(type_name), Coding::Sized),
-        12 => (Written::Array(Box::new(plain(Primitive::UInt(1))), None), Coding::Sized),
-        13 => (plain(Primitive::UInt(4)), Coding::Varint),
-        15 => (plain(Primitive::Int(4)), Coding::Fixed32),
-        16 => (plain(Primitive::Int(8)), Coding::Fixed64),
-        17 => (plain(Primitive::Int(4)), Coding::Signed),
-        18 => (plain(Primitive::Int(8)), Coding::Signed),
+    let primitive = UnresolvedType::Primitive;
+    let (element, coding) = match kind {
+        1 => (primitive(Primitive::Float(8)), Coding::Fixed64),
+        2 => (primitive(Primitive::Float(4)), Coding::Fixed32),
+        3 => (primitive(Primitive::Int(8)), Coding::Varint),
+        4 => (primitive(Primitive::UInt(8)), Coding::Varint),
+        5 | 14 => (primitive(Primitive::Int(4)), Coding::Varint),
+        6 => (primitive(Primitive::UInt(8)), Coding::Fixed64),
+        7 => (primitive(Primitive::UInt(4)), Coding::Fixed32),
+        8 => (primitive(Primitive::Bool), Coding::Varint),
+        9 => (primitive(Primitive::Text), Coding::LengthDelimited),
+        11 => (UnresolvedType::Named(type_name), Coding::LengthDelimited),
+        12 => (
+            UnresolvedType::Array(Box::new(primitive(Primitive::UInt(1))), None),
+            Coding::LengthDelimited,
+        ),
+        13 => (primitive(Primitive::UInt(4)), Coding::Varint),
+        15 => (primitive(Primitive::Int(4)), Coding::Fixed32),
+        16 => (primitive(Primitive::Int(8)), Coding::Fixed64),
+        17 => (primitive(Primitive::Int(4)), Coding::Zigzag),
+        18 => (primitive(Primitive::Int(8)), Coding::Zigzag),
         other => {
             return Err(format!(
-                "the schema's field {name} has the protobuf type {other}, which is not read"
+                "the schema's field {name} has the unsupported protobuf type {other}"
             ));
         }
     };
-    let written = if label == 3 { Written::Array(Box::new(written), None) } else { written };
-    Ok((WrittenField { name, kind: written }, Tag { number, coding, optional }))
+    let kind = if label == 3 { UnresolvedType::Array(Box::new(element), None) } else { element };
+    Ok((UnresolvedField { name, kind }, Tag { number, coding, optional }))
 }
 
 impl Schema {
     /// From a `FileDescriptorSet`; `name` is the message's full name.
     ///
     /// # Errors
-    /// A sentence: no descriptor set, an unknown type, a type that holds itself.
+    /// The schema is not a descriptor set, or a type is unknown or recursive.
     pub fn parse(name: &str, set: &[u8]) -> Result<Self, String> {
         let found = Descriptors::read(set)
-            .map_err(|e| format!("the schema is no FileDescriptorSet: {e}"))?;
+            .map_err(|e| format!("the schema is not a FileDescriptorSet: {e}"))?;
         let resolve =
             |base: &str, _: &str| found.definitions.contains_key(base).then(|| base.to_string());
         let (layout, names) = build(&found.definitions, name.trim_start_matches('.'), &resolve)?;
@@ -220,9 +223,9 @@ impl Schema {
     /// Reads one message.
     ///
     /// # Errors
-    /// A sentence where the bytes contradict the schema.
+    /// The bytes contradict the schema.
     pub fn read<'a>(&self, message: &'a [u8]) -> Result<Value<'a>, String> {
-        let root = self.layout.records.len().checked_sub(1).ok_or("an empty schema")?;
+        let root = self.layout.records.len().checked_sub(1).ok_or("the schema is empty")?;
         self.record(root, message, &mut Budget::of(message))
     }
 
@@ -237,7 +240,7 @@ impl Schema {
             .records
             .get(index)
             .zip(self.tags.get(index))
-            .ok_or("a schema that points nowhere")?;
+            .ok_or("a schema index is out of range")?;
         budget.spend(1 + fields.len())?;
         let mut values: Vec<Option<Value<'a>>> = fields
             .iter()
@@ -248,11 +251,11 @@ impl Schema {
             let (number, wire) = field(&mut bytes)?;
             let Some(at) = tags.iter().position(|t| t.number == number) else { continue };
             let (name, kind) = &fields[at];
-            let bad = || format!("the field {name} is not on the wire as its schema says");
+            let bad = || format!("the field {name} does not match its schema");
             match kind {
                 Type::Array(element, _)
                     if **element != Type::Primitive(Primitive::UInt(1))
-                        || tags[at].coding != Coding::Sized =>
+                        || tags[at].coding != Coding::LengthDelimited =>
                 {
                     let list = values[at].get_or_insert(Value::Numbers(Vec::new()));
                     self.append(list, element, tags[at].coding, wire, budget)?;
@@ -272,28 +275,30 @@ impl Schema {
         ))
     }
 
-    /// An element of a repeated field, or several in one packed block.
+    /// Appends an element of a repeated field, or the elements of a packed block.
     fn append<'a>(
         &self,
         list: &mut Value<'a>,
         element: &Type,
         coding: Coding,
-        wire: Wire<'a>,
+        wire: WireValue<'a>,
         budget: &mut Budget,
     ) -> Result<(), String> {
-        let bad = || String::from("a repeated field is not on the wire as its schema says");
+        let bad = || String::from("a repeated field does not match its schema");
         match (element, wire) {
-            (Type::Primitive(p), Wire::Sized(mut packed)) if coding != Coding::Sized => {
+            (Type::Primitive(p), WireValue::LengthDelimited(mut packed))
+                if coding != Coding::LengthDelimited =>
+            {
                 let Value::Numbers(numbers) = list else { return Err(bad()) };
                 while !packed.is_empty() {
                     let wire = match coding {
-                        Coding::Fixed32 => Wire::Fixed32(u32::from_le_bytes(
+                        Coding::Fixed32 => WireValue::Fixed32(u32::from_le_bytes(
                             *packed.first_chunk().ok_or_else(bad)?,
                         )),
-                        Coding::Fixed64 => Wire::Fixed64(u64::from_le_bytes(
+                        Coding::Fixed64 => WireValue::Fixed64(u64::from_le_bytes(
                             *packed.first_chunk().ok_or_else(bad)?,
                         )),
-                        _ => Wire::Varint(varint(&mut packed)?),
+                        _ => WireValue::Varint(varint(&mut packed)?),
                     };
                     packed = match coding {
                         Coding::Fixed32 => &packed[4..],
@@ -303,7 +308,7 @@ impl Schema {
                     numbers.push(scalar(*p, coding, &wire).and_then(number).ok_or_else(bad)?);
                 }
             }
-            (Type::Primitive(p), wire) if coding != Coding::Sized => {
+            (Type::Primitive(p), wire) if coding != Coding::LengthDelimited => {
                 let Value::Numbers(numbers) = list else { return Err(bad()) };
                 numbers.push(scalar(*p, coding, &wire).and_then(number).ok_or_else(bad)?);
             }
@@ -324,13 +329,17 @@ impl Schema {
         &self,
         kind: &Type,
         coding: Coding,
-        wire: Wire<'a>,
+        wire: WireValue<'a>,
         budget: &mut Budget,
     ) -> Result<Option<Value<'a>>, String> {
         Ok(match (kind, wire) {
-            (Type::Record(index), Wire::Sized(bytes)) => Some(self.record(*index, bytes, budget)?),
-            (Type::Array(..), Wire::Sized(bytes)) => Some(Value::Bytes(Cow::Borrowed(bytes))),
-            (Type::Primitive(Primitive::Text), Wire::Sized(bytes)) => {
+            (Type::Record(index), WireValue::LengthDelimited(bytes)) => {
+                Some(self.record(*index, bytes, budget)?)
+            }
+            (Type::Array(..), WireValue::LengthDelimited(bytes)) => {
+                Some(Value::Bytes(Cow::Borrowed(bytes)))
+            }
+            (Type::Primitive(Primitive::Text), WireValue::LengthDelimited(bytes)) => {
                 Some(Value::Text(String::from_utf8_lossy(bytes)))
             }
             (Type::Primitive(p), wire) => scalar(*p, coding, &wire),
@@ -348,22 +357,28 @@ fn number(value: Value<'_>) -> Option<f64> {
     }
 }
 
-fn scalar<'a>(p: Primitive, coding: Coding, wire: &Wire<'_>) -> Option<Value<'a>> {
+fn scalar<'a>(p: Primitive, coding: Coding, wire: &WireValue<'_>) -> Option<Value<'a>> {
     Some(match (p, coding, wire) {
-        (Primitive::Float(8), _, Wire::Fixed64(v)) => Value::Float(f64::from_bits(*v)),
-        (Primitive::Float(_), _, Wire::Fixed32(v)) => Value::Float(f64::from(f32::from_bits(*v))),
-        (Primitive::Bool, _, Wire::Varint(v)) => Value::Bool(*v != 0),
-        (_, Coding::Signed, Wire::Varint(v)) => Value::Int((v >> 1) as i64 ^ -((v & 1) as i64)),
-        // Negative int32 and enums come as ten bytes, sign-extended.
-        (_, Coding::Varint, Wire::Varint(v)) => Value::Int(*v as i64),
-        (Primitive::Int(_), Coding::Fixed32, Wire::Fixed32(v)) => Value::Int(i64::from(*v as i32)),
-        (_, Coding::Fixed32, Wire::Fixed32(v)) => Value::Int(i64::from(*v)),
-        (_, Coding::Fixed64, Wire::Fixed64(v)) => Value::Int(*v as i64),
+        (Primitive::Float(8), _, WireValue::Fixed64(v)) => Value::Float(f64::from_bits(*v)),
+        (Primitive::Float(_), _, WireValue::Fixed32(v)) => {
+            Value::Float(f64::from(f32::from_bits(*v)))
+        }
+        (Primitive::Bool, _, WireValue::Varint(v)) => Value::Bool(*v != 0),
+        (_, Coding::Zigzag, WireValue::Varint(v)) => {
+            Value::Int((v >> 1) as i64 ^ -((v & 1) as i64))
+        }
+        // Negative int32 and enums are ten bytes, sign-extended.
+        (_, Coding::Varint, WireValue::Varint(v)) => Value::Int(*v as i64),
+        (Primitive::Int(_), Coding::Fixed32, WireValue::Fixed32(v)) => {
+            Value::Int(i64::from(*v as i32))
+        }
+        (_, Coding::Fixed32, WireValue::Fixed32(v)) => Value::Int(i64::from(*v)),
+        (_, Coding::Fixed64, WireValue::Fixed64(v)) => Value::Int(*v as i64),
         _ => return None,
     })
 }
 
-/// proto3: what is not on the wire is zero; a message is absent.
+/// proto3's value of a field that is not on the wire: zero; `None` for a message.
 fn default<'a>(kind: &Type) -> Option<Value<'a>> {
     Some(match kind {
         Type::Primitive(Primitive::Bool) => Value::Bool(false),
@@ -406,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn packed_or_not_zigzag_or_not() {
+    fn packed_and_zigzag_fields_are_read() {
         let set = set(&[
             descriptor("ranges", 1, 3, 2, ""),
             descriptor("depth", 2, 1, 17, ""),
@@ -426,9 +441,9 @@ mod tests {
     }
 
     #[test]
-    fn a_type_that_holds_itself_is_refused() {
+    fn a_recursive_type_is_rejected() {
         let error = Schema::parse("p.T", &set(&[descriptor("again", 1, 1, 11, ".p.T")]))
             .expect_err("recursion");
-        assert!(error.contains("holds itself"), "{error}");
+        assert!(error.contains("contains itself"), "{error}");
     }
 }

@@ -1,10 +1,12 @@
-//! What a camera or a strobe was set to: exposure time, gain, power of the strobe. Units are the
-//! sender's own: whether a number is a factor or counts decibels is for the pictures to say.
+//! Exposure time, gain and strobe power, in the sender's unit. Whether a gain is a factor or in
+//! decibels is estimated from the images.
 
-use super::{RadiometrySetting, Value, layout::Layout};
+use super::layout::Layout;
+use super::reading::RadiometrySetting;
+use super::value::Value;
 
-/// Name of a setting, and the fields it goes by (`ImageMetaData` of FLIR drivers, Blueye's
-/// `CameraParameters`, and the like).
+/// Name of a setting, and its field names (`ImageMetaData` of FLIR drivers, Blueye's
+/// `CameraParameters` and others).
 const SETTINGS: &[(&str, &[&str])] = &[
     (
         "exposure",
@@ -35,17 +37,17 @@ const SETTINGS: &[(&str, &[&str])] = &[
         ],
     ),
 ];
-/// Fields of a message that is one number.
+/// Field of a message of one number.
 const BARE: &[&str] = &["data", "value"];
 
-fn bare_name(topic: &str) -> Option<&'static str> {
+fn name_by_topic(topic: &str) -> Option<&'static str> {
     let topic = topic.to_ascii_lowercase();
-    let says = |words: &[&str]| words.iter().any(|w| topic.contains(w));
-    if says(&["exposure", "shutter"]) {
+    let has = |words: &[&str]| words.iter().any(|w| topic.contains(w));
+    if has(&["exposure", "shutter"]) {
         Some("exposure")
-    } else if says(&["gain", "iso"]) && says(&["cam", "image", "sensor"]) {
+    } else if has(&["gain", "iso"]) && has(&["cam", "image", "sensor"]) {
         Some("gain")
-    } else if says(&["strobe", "flash", "lamp", "lumen"]) {
+    } else if has(&["strobe", "flash", "lamp", "lumen"]) {
         Some("strobe")
     } else {
         None
@@ -58,16 +60,16 @@ pub fn matches_bare(layout: &Layout, topic: &str) -> bool {
         .iter()
         .filter(|(name, _)| !matches!(&**name, "header" | "stamp" | "timestamp"))
         .count();
-    bare_name(topic).is_some() && fields == 1 && BARE.iter().any(|f| layout.is_number(f))
+    name_by_topic(topic).is_some() && fields == 1 && BARE.iter().any(|f| layout.is_number(f))
 }
 
 pub fn matches_fields(layout: &Layout, topic: &str) -> bool {
     let found =
         SETTINGS.iter().filter(|(_, fields)| fields.iter().any(|f| layout.is_number(f))).count();
-    found >= 2 || (found == 1 && bare_name(topic).is_some())
+    found >= 2 || (found == 1 && name_by_topic(topic).is_some())
 }
 
-/// Settings by name; a bare number is named after its topic by the caller.
+/// Settings by name; the caller names a bare number after its topic.
 pub fn decode(value: &Value<'_>) -> Result<Vec<RadiometrySetting>, String> {
     if let Some(bare) = BARE.iter().find_map(|f| value.number(f)) {
         return Ok(vec![("value", bare)]);

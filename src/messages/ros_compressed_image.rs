@@ -1,8 +1,10 @@
-//! `sensor_msgs/CompressedImage`, `foxglove.CompressedImage`: JPEG, PNG or WebP. The bytes say
-//! which; the format string is believed only for what the pixels were before (`bayer_rggb8; jpeg
-//! compressed `: the mosaic itself went through JPEG).
+//! `sensor_msgs/CompressedImage`, `foxglove.CompressedImage`: JPEG, PNG or WebP, identified by
+//! their bytes. The format string serves only for the encoding before compression (`bayer_rggb8;
+//! jpeg compressed `: the Bayer mosaic itself was compressed as JPEG).
 
-use super::{Value, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::missing;
+use super::value::Value;
 use crate::image::EncodedImage;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {

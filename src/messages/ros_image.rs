@@ -1,24 +1,23 @@
-//! `sensor_msgs/Image`: pixels as they come off the sensor. Also bayer, also with a padded step,
-//! also big-endian. Definition: ros2/common_interfaces, `sensor_msgs/msg/Image.msg` and
-//! `image_encodings.hpp`. `foxglove.RawImage` is the same without `is_bigendian`: little-endian.
+//! `sensor_msgs/Image`: raw pixels, also Bayer, padded rows and big-endian. Definition:
+//! ros2/common_interfaces, `sensor_msgs/msg/Image.msg` and `image_encodings.hpp`.
+//! `foxglove.RawImage` has no `is_bigendian`: it is little-endian.
 
-use super::{Value, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::{missing, size};
+use super::value::Value;
 use crate::image::EncodedImage;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
-    ["height", "width", "encoding", "step", "data"].iter().all(|f| layout.has(f))
+    layout.has_all(&["height", "width", "encoding", "step", "data"])
 }
 
 pub fn decode<'v>(value: &'v Value<'_>) -> Result<EncodedImage<'v>, String> {
-    let size = |field: &str| {
-        value.integer(field).and_then(|v| usize::try_from(v).ok()).ok_or_else(|| missing(field))
-    };
     Ok(EncodedImage::Raw {
-        width: size("width")?,
-        height: size("height")?,
+        width: size(value, "width")?,
+        height: size(value, "height")?,
         encoding: value.text("encoding").ok_or_else(|| missing("encoding"))?,
         big_endian: value.flag("is_bigendian").unwrap_or(false),
-        step: size("step")?,
+        step: size(value, "step")?,
         data: value.bytes("data").ok_or_else(|| missing("data"))?,
     })
 }

@@ -1,12 +1,12 @@
-//! `ros2msg` and `ros1msg` schema text → the layout of a message on the wire.
+//! Parses `ros2msg` and `ros1msg` schemas.
 //!
-//! The text of a channel's own schema decides how its bytes are read, never the type's name: one
-//! name (`ds_sensor_msgs/Dvl`) has two incompatible definitions in the field, and one shape has
-//! eight names.
+//! The channel's own schema determines the layout, never the name of its type: one name
+//! (`ds_sensor_msgs/Dvl`) has two incompatible definitions in the field, and one shape has eight
+//! names.
 
-use super::layout::{Definitions, Layout, Primitive, Written, WrittenField, build};
+use super::layout::{Definitions, Layout, Primitive, UnresolvedField, UnresolvedType, build};
 
-/// The two languages differ in what `time`, `byte` and an undefined `Header` mean.
+/// The two languages differ in the meaning of `time`, `byte` and an undefined `Header`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dialect {
     /// `ros1msg`
@@ -15,17 +15,17 @@ pub enum Dialect {
     Ros2,
 }
 
-/// Parses a definition with its dependencies behind `===` lines and `MSG: pkg/Type`.
+/// Parses a definition, followed by its dependencies after `===` lines and `MSG: pkg/Type`.
 ///
 /// # Errors
-/// A sentence: an unknown type, a type that holds itself, a line that is no field.
+/// A type is unknown or recursive, or a line is not a field.
 pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String> {
     let mut definitions = Definitions::new();
     let root = short(name);
     let mut current = Some(root.clone());
     for line in text.lines() {
         let line = line.trim();
-        // `---` ends the first half of a service: no topic carries the second.
+        // `---` separates the request of a service from its response, which no topic carries.
         if line.len() >= 3 && (line == "---" || line.bytes().all(|b| b == b'=')) {
             current = None;
         } else if let Some(dependency) = line.strip_prefix("MSG:") {
@@ -47,7 +47,7 @@ pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String>
         ("builtin_interfaces/Time", &stamp[..]),
         ("builtin_interfaces/Duration", &stamp),
         ("std_msgs/Header", header),
-        // ROS 1 has them as primitives, under names that no message can have.
+        // Primitives of ROS 1; no message can have these names.
         ("time", &["uint32 sec", "uint32 nanosec"]),
         ("duration", &stamp),
     ] {
@@ -62,7 +62,7 @@ pub fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Layout, String>
     Ok(build(&definitions, &root, &|base, scope| resolve(&definitions, base, scope))?.0)
 }
 
-/// `Header` and types of the same package may come without one.
+/// Full name of a type: `Header` and types of the same package may be written without a package.
 fn resolve(definitions: &Definitions, base: &str, scope: &str) -> Option<String> {
     let base = short(base);
     let package = scope.split('/').next().unwrap_or("");
@@ -87,20 +87,20 @@ fn short(name: &str) -> String {
     }
 }
 
-/// One line of a definition: `None` for blanks, comments and constants.
-fn field(line: &str, dialect: Dialect) -> Result<Option<WrittenField>, String> {
+/// The field of a line; `None` for blank lines, comments and constants.
+fn field(line: &str, dialect: Dialect) -> Result<Option<UnresolvedField>, String> {
     let line = line.split('#').next().unwrap_or("").trim();
     let Some((kind, rest)) = line.split_once(char::is_whitespace) else {
         return if line.is_empty() {
             Ok(None)
         } else {
-            Err(format!("the schema line {line:?} is no field"))
+            Err(format!("the schema line {line:?} is not a field"))
         };
     };
     let rest = rest.trim();
     let name: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
     if name.is_empty() {
-        return Err(format!("the schema line {line:?} is no field"));
+        return Err(format!("the schema line {line:?} is not a field"));
     }
     if rest[name.len()..].trim_start().starts_with('=') {
         return Ok(None);
@@ -114,20 +114,20 @@ fn field(line: &str, dialect: Dialect) -> Result<Option<WrittenField>, String> {
             } else {
                 Some(
                     size.parse()
-                        .map_err(|e| format!("the array size in {line:?} is no number ({e})"))?,
+                        .map_err(|e| format!("the array size in {line:?} is not a number ({e})"))?,
                 )
             };
             (base, Some(fixed))
         }
     };
     let base = base.split("<=").next().unwrap_or(base);
-    let element =
-        primitive(base, dialect).map_or_else(|| Written::Named(base.into()), Written::Primitive);
+    let element = primitive(base, dialect)
+        .map_or_else(|| UnresolvedType::Named(base.into()), UnresolvedType::Primitive);
     let kind = match array {
-        Some(size) => Written::Array(Box::new(element), size),
+        Some(size) => UnresolvedType::Array(Box::new(element), size),
         None => element,
     };
-    Ok(Some(WrittenField { name, kind }))
+    Ok(Some(UnresolvedField { name, kind }))
 }
 
 fn primitive(name: &str, dialect: Dialect) -> Option<Primitive> {
@@ -174,10 +174,10 @@ mod tests {
     }
 
     #[test]
-    fn types_without_end_are_refused() {
+    fn recursive_and_deeply_nested_types_are_rejected() {
         let error =
             parse("p/A", "B b\n===\nMSG: p/B\nA a\n", Dialect::Ros2).expect_err("recursion");
-        assert!(error.contains("holds itself"), "{error}");
+        assert!(error.contains("contains itself"), "{error}");
         let chain: String =
             (0..100_000).map(|i| format!("T{} x\n===\nMSG: p/T{}\n", i + 1, i + 1)).collect();
         let error = parse("p/T0", &chain, Dialect::Ros2).expect_err("a chain");

@@ -1,74 +1,241 @@
-//! The table of all message types: a row each. `docs/messages.md` is made of it.
+//! The table of all message types. `docs/messages.md` is generated from it.
+
+use nalgebra::UnitQuaternion;
 
 use super::layout::Layout;
-use super::*;
+use super::reading::{FrameTransform, PingReading, RadiometrySetting};
+use super::value::Value;
+use super::{
+    altitude, camera_info, depth_image, dvl_arrays, dvl_beams, dvl_by_path, dvl_numbered,
+    dvl_points, dvl_ranges, foxglove_transforms, imu, mavlink_distance, odometry, ping1d,
+    point_cloud, radiometry, range, ros_compressed_image, ros_image, transforms, video,
+};
+use crate::image::EncodedImage;
+use crate::vehicle::{Calibration, DvlFacts};
 
-/// One message type the program reads.
+/// What a channel carries, with the function that decodes it.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// camera images
+    Image(for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>),
+    /// camera calibration; `None` for an uncalibrated camera
+    CameraInfo(fn(&Value<'_>) -> Result<Option<Calibration>, String>),
+    /// edges of the TF tree
+    Transforms(fn(&Value<'_>) -> Result<Vec<FrameTransform>, String>),
+    /// world_from_sensor; `None` where the message has no attitude
+    Attitude(fn(&Value<'_>) -> Result<Option<UnitQuaternion<f64>>, String>),
+    /// ranges along beams, or an altitude. The rank orders instruments by preference, 0 first.
+    Ping(u8, fn(&Value<'_>, &DvlFacts) -> Result<PingReading, String>),
+    /// exposure, gain or strobe power
+    Radiometry(fn(&Value<'_>) -> Result<Vec<RadiometrySetting>, String>),
+}
+
+impl Kind {
+    /// One word for tables.
+    pub fn label(&self) -> &'static str {
+        match self {
+            Self::Image(_) => "image",
+            Self::CameraInfo(_) => "camera_info",
+            Self::Transforms(_) => "transforms",
+            Self::Attitude(_) => "attitude",
+            Self::Ping(..) => "range",
+            Self::Radiometry(_) => "radiometry",
+        }
+    }
+}
+
+/// One supported message type.
 pub struct MessageType {
-    /// the best known name of the shape
+    /// the best known name of this shape
     pub name: &'static str,
-    /// what is read of it and what means "no return"
+    /// fields that are read, and markers for "no return"
     pub about: &'static str,
     /// whether a schema (and topic) has this shape
-    pub matches: fn(&Layout, &str) -> bool,
-    /// how it is read
+    pub matches: Matches,
+    /// with the decoding function
     pub kind: Kind,
 }
 
-/// The row that no schema matches: its messages are shaped like pictures.
-pub const DEPTH: &str = "depth image";
+type Matches = fn(&Layout, &str) -> bool;
 
-/// Every message type that is read, first match wins.
-#[rustfmt::skip]
+const fn row(name: &'static str, about: &'static str, matches: Matches, kind: Kind) -> MessageType {
+    MessageType { name, about, matches, kind }
+}
+
+/// Name of the row that no schema matches: depth images have the schema of camera images.
+pub const DEPTH_IMAGE: &str = "depth image";
+
+/// The field named by `dvl.path` in the rig file; not a row of the table.
+pub static BY_PATH: MessageType = row(
+    "dvl.path in the rig file",
+    "the field that the rig file names",
+    |_, _| false,
+    Kind::Ping(0, dvl_by_path::decode),
+);
+
+/// Every supported message type; the first match applies.
 pub const TYPES: &[MessageType] = &[
-    MessageType { name: DEPTH, matches: |_, _| false, kind: Kind::Ping(2, depth_image::decode),
-        about: "`16UC1` [mm] on a topic that says depth, `32FC1` [m], `compressedDepth` PNG of both; 20 places become beams, with the camera's calibration" },
-    MessageType { name: "FFMPEGPacket", matches: video::matches, kind: Kind::Image(video::decode),
-        about: "video: refused, with the remedy; so is `foxglove.CompressedVideo`" },
-    MessageType { name: "sensor_msgs/Image", matches: ros_image::matches, kind: Kind::Image(ros_image::decode),
-        about: "pictures, also `foxglove.RawImage`" },
-    MessageType { name: "sensor_msgs/CompressedImage", matches: ros_compressed_image::matches, kind: Kind::Image(ros_compressed_image::decode),
-        about: "JPEG, PNG, WebP, told by their bytes; also `foxglove.CompressedImage`" },
-    MessageType { name: "sensor_msgs/CameraInfo", matches: camera_info::matches, kind: Kind::CameraInfo(camera_info::decode),
-        about: "calibration, with region of interest and binning; also `foxglove.CameraCalibration`" },
-    MessageType { name: "tf2_msgs/TFMessage", matches: transforms::matches, kind: Kind::Transforms(transforms::decode),
-        about: "mounts" },
-    MessageType { name: "foxglove.FrameTransform(s)", matches: foxglove_transforms::matches, kind: Kind::Transforms(foxglove_transforms::decode),
-        about: "mounts" },
-    MessageType { name: "sensor_msgs/Imu", matches: imu::matches, kind: Kind::Attitude(imu::decode),
-        about: "attitude; covariance −1 or a zero quaternion means none" },
-    MessageType { name: "nav_msgs/Odometry", matches: odometry::matches, kind: Kind::Attitude(odometry::decode),
-        about: "attitude of the child frame" },
-    MessageType { name: "ds_sensor_msgs/Ranges3D", matches: dvl_points::matches, kind: Kind::Ping(0, dvl_points::decode),
-        about: "hits as points, the best form; validity 1 (low) is lost" },
-    MessageType { name: "marine_acoustic_msgs/Dvl", matches: dvl_ranges::matches, kind: Kind::Ping(0, dvl_ranges::decode),
-        about: "`range[]` along `beam_unit_vec[]`, slant; also `acoustic_msgs`, WHOI's `ds_sensor_msgs`; vectors are checked; ≤ 0, NaN, infinite are lost" },
-    MessageType { name: "dvl_msgs/DVL", matches: dvl_beams::matches_distance, kind: Kind::Ping(0, dvl_beams::decode),
-        about: "a list of beams with `distance`, slant: Water Linked and its renames, its own JSON, Blueye; `valid` or `beam_valid` false is lost" },
-    MessageType { name: "uuv_sensor_ros_plugins/DVL", matches: dvl_beams::matches_pose, kind: Kind::Ping(0, dvl_beams::decode),
-        about: "a list of beams with `range` and `pose` (x axis), slant: UUV simulator, `cola2_msgs`, `smarc_msgs`, Stonefish; < 0, covariance −1, 81 m, 0.7 m are lost; no beams: the altitude" },
-    MessageType { name: "gz.msgs.DVLVelocityTracking", matches: dvl_beams::matches_range, kind: Kind::Ping(0, dvl_beams::decode),
-        about: "a list of beams with `range` or `range.mean`, slant, no directions; `locked` false is lost" },
-    MessageType { name: "cola2_msgs/LinkquestDvl", matches: dvl_arrays::matches_vertical, kind: Kind::Ping(0, dvl_arrays::decode),
-        about: "an array of vertical ranges: `altitudeBeam`, `distBeam` (Nortek DF21), `vertical_distance`; `dataGood` 0, velocity −32.768, merit 10 are lost" },
-    MessageType { name: "holoocean/DVLSensorRange", matches: dvl_arrays::matches_slant, kind: Kind::Ping(0, dvl_arrays::decode),
-        about: "an array of slant ranges: `range[4]`, `ranges`, `beam_distance` (Nucleus), `beam_ranges`; with `config_beamangle` PD0's vertical ones" },
-    MessageType { name: "Nucleus BottomTrack", matches: dvl_numbered::matches, kind: Kind::Ping(0, dvl_numbered::decode),
-        about: "one field per beam: `distance_beam_1` (slant), `dist_beam0`, `altitude1`, `b1_dist` (vertical), with their flags" },
-    MessageType { name: "MAVLink DISTANCE_SENSOR", matches: mavlink_distance::matches, kind: Kind::Ping(1, mavlink_distance::decode),
-        about: "centimetres; one beam by its orientation, or an altitude; quality 1 is invalid" },
-    MessageType { name: "sensor_msgs/PointCloud2", matches: point_cloud::matches, kind: Kind::Ping(2, point_cloud::decode),
-        about: "24 points become beams; also `foxglove.PointCloud`" },
-    MessageType { name: "sensor_msgs/Range", matches: range::matches, kind: Kind::Ping(1, range::decode),
-        about: "a slant range along x; an altitude where the cone is above 0.35 rad; outside [min, max] is lost" },
-    MessageType { name: "Ping1D", matches: ping1d::matches, kind: Kind::Ping(1, ping1d::decode),
-        about: "`distance` [mm] and `confidence` [%]; below 60 % is lost" },
-    MessageType { name: "flir_camera_msgs/ImageMetaData", matches: radiometry::matches_fields, kind: Kind::Radiometry(radiometry::decode),
-        about: "exposure, gain, strobe power by name: two of them, or one on a topic that says so; Blueye `CameraParameters`" },
-    MessageType { name: "std_msgs/Float64 (radiometry)", matches: radiometry::matches_bare, kind: Kind::Radiometry(radiometry::decode),
-        about: "one number on a topic that says exposure, shutter, strobe, flash, lamp, or gain of a camera" },
-    MessageType { name: "std_msgs/Float64 (altitude)", matches: altitude::matches_bare, kind: Kind::Ping(3, altitude::decode),
-        about: "one number on a topic that says `altitude`, `altimeter` or `height_above`; ≤ 0 is lost" },
-    MessageType { name: "altitude in any message", matches: altitude::matches_field, kind: Kind::Ping(4, altitude::decode),
-        about: "a field `altitude`, `avg_altitude`, `bottom_distance`, `altimeter_distance`, where nothing better is there" },
+    row(
+        DEPTH_IMAGE,
+        "`16UC1` [mm] on a topic named depth, `32FC1` [m], `compressedDepth` PNG of both; 20 \
+         samples become beams, with the camera's calibration",
+        |_, _| false,
+        Kind::Ping(2, depth_image::decode),
+    ),
+    row(
+        "FFMPEGPacket",
+        "video: refused, with the remedy; also `foxglove.CompressedVideo`",
+        video::matches,
+        Kind::Image(video::decode),
+    ),
+    row(
+        "sensor_msgs/Image",
+        "raw images; also `foxglove.RawImage`",
+        ros_image::matches,
+        Kind::Image(ros_image::decode),
+    ),
+    row(
+        "sensor_msgs/CompressedImage",
+        "JPEG, PNG, WebP, identified by their bytes; also `foxglove.CompressedImage`",
+        ros_compressed_image::matches,
+        Kind::Image(ros_compressed_image::decode),
+    ),
+    row(
+        "sensor_msgs/CameraInfo",
+        "calibration, with region of interest and binning; also `foxglove.CameraCalibration`",
+        camera_info::matches,
+        Kind::CameraInfo(camera_info::decode),
+    ),
+    row(
+        "tf2_msgs/TFMessage",
+        "extrinsics",
+        transforms::matches,
+        Kind::Transforms(transforms::decode),
+    ),
+    row(
+        "foxglove.FrameTransform(s)",
+        "extrinsics",
+        foxglove_transforms::matches,
+        Kind::Transforms(foxglove_transforms::decode),
+    ),
+    row(
+        "sensor_msgs/Imu",
+        "attitude; covariance −1 or a zero quaternion means none",
+        imu::matches,
+        Kind::Attitude(imu::decode),
+    ),
+    row(
+        "nav_msgs/Odometry",
+        "attitude of the child frame",
+        odometry::matches,
+        Kind::Attitude(odometry::decode),
+    ),
+    row(
+        "ds_sensor_msgs/Ranges3D",
+        "returns as points; validity 1 (low) means no return",
+        dvl_points::matches,
+        Kind::Ping(0, dvl_points::decode),
+    ),
+    row(
+        "marine_acoustic_msgs/Dvl",
+        "`range[]` along `beam_unit_vec[]`, slant; also `acoustic_msgs`, WHOI's \
+         `ds_sensor_msgs`; vectors are checked; ≤ 0, NaN, infinite mean no return",
+        dvl_ranges::matches,
+        Kind::Ping(0, dvl_ranges::decode),
+    ),
+    row(
+        "dvl_msgs/DVL",
+        "a list of beams with `distance`, slant: Water Linked and its renames, its own JSON, \
+         Blueye; `valid` or `beam_valid` false means no return",
+        dvl_beams::matches_distance,
+        Kind::Ping(0, dvl_beams::decode),
+    ),
+    row(
+        "uuv_sensor_ros_plugins/DVL",
+        "a list of beams with `range` and `pose` (x axis), slant: UUV simulator, `cola2_msgs`, \
+         `smarc_msgs`, Stonefish; < 0, covariance −1, 81 m, 0.7 m mean no return; without beams \
+         the altitude",
+        dvl_beams::matches_pose,
+        Kind::Ping(0, dvl_beams::decode),
+    ),
+    row(
+        "gz.msgs.DVLVelocityTracking",
+        "a list of beams with `range` or `range.mean`, slant, no directions; `locked` false means \
+         no return",
+        dvl_beams::matches_range,
+        Kind::Ping(0, dvl_beams::decode),
+    ),
+    row(
+        "cola2_msgs/LinkquestDvl",
+        "an array of vertical ranges: `altitudeBeam`, `distBeam` (Nortek DF21), \
+         `vertical_distance`; `dataGood` 0, velocity −32.768, figure of merit 10 mean no return",
+        dvl_arrays::matches_vertical,
+        Kind::Ping(0, dvl_arrays::decode),
+    ),
+    row(
+        "holoocean/DVLSensorRange",
+        "an array of slant ranges: `range[4]`, `ranges`, `beam_distance` (Nucleus), \
+         `beam_ranges`; vertical with PD0's `config_beamangle`",
+        dvl_arrays::matches_slant,
+        Kind::Ping(0, dvl_arrays::decode),
+    ),
+    row(
+        "Nucleus BottomTrack",
+        "one field per beam: `distance_beam_1` (slant), `dist_beam0`, `altitude1`, `b1_dist` \
+         (vertical), with their flags",
+        dvl_numbered::matches,
+        Kind::Ping(0, dvl_numbered::decode),
+    ),
+    row(
+        "MAVLink DISTANCE_SENSOR",
+        "centimetres; one beam by its orientation, or an altitude; quality 1 is invalid",
+        mavlink_distance::matches,
+        Kind::Ping(1, mavlink_distance::decode),
+    ),
+    row(
+        "sensor_msgs/PointCloud2",
+        "24 points become beams; also `foxglove.PointCloud`",
+        point_cloud::matches,
+        Kind::Ping(2, point_cloud::decode),
+    ),
+    row(
+        "sensor_msgs/Range",
+        "a slant range along x; an altitude where the cone is wider than 0.35 rad; outside \
+         [min, max] means no return",
+        range::matches,
+        Kind::Ping(1, range::decode),
+    ),
+    row(
+        "Ping1D",
+        "`distance` [mm] and `confidence` [%]; below 60 % means no return",
+        ping1d::matches,
+        Kind::Ping(1, ping1d::decode),
+    ),
+    row(
+        "flir_camera_msgs/ImageMetaData",
+        "exposure, gain, strobe power by field name: two of them, or one on a topic named after \
+         it; Blueye `CameraParameters`",
+        radiometry::matches_fields,
+        Kind::Radiometry(radiometry::decode),
+    ),
+    row(
+        "std_msgs/Float64 (radiometry)",
+        "one number on a topic named exposure, shutter, strobe, flash, lamp, or gain of a camera",
+        radiometry::matches_bare,
+        Kind::Radiometry(radiometry::decode),
+    ),
+    row(
+        "std_msgs/Float64 (altitude)",
+        "one number on a topic named `altitude`, `altimeter` or `height_above`; ≤ 0 means no \
+         return",
+        altitude::matches_bare,
+        Kind::Ping(3, altitude::decode),
+    ),
+    row(
+        "altitude in any message",
+        "a field `altitude`, `avg_altitude`, `bottom_distance`, `altimeter_distance`, where no \
+         better instrument is present",
+        altitude::matches_field,
+        Kind::Ping(4, altitude::decode),
+    ),
 ];

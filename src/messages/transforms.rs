@@ -1,8 +1,8 @@
-//! `tf2_msgs/TFMessage`: poses of children in their parents.
+//! `tf2_msgs/TFMessage`: poses of child frames in their parents.
 
-use nalgebra::Vector3;
-
-use super::{FrameTransform, Value, attitude, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::{FrameTransform, missing, pose};
+use super::value::Value;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     layout.has("transforms.child_frame_id") && layout.has("transforms.transform.rotation")
@@ -10,20 +10,15 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
 
 pub fn decode(value: &Value<'_>) -> Result<Vec<FrameTransform>, String> {
     let list = value.list("transforms").ok_or_else(|| missing("transforms"))?;
-    let name = |v: &Value<'_>, path: &str| {
-        v.text(path).map(|s| String::from(s.trim_start_matches('/'))).ok_or_else(|| missing(path))
-    };
     let edge = |v: &Value<'_>| {
-        let t = v.xyz("transform.translation").ok_or_else(|| missing("transform.translation"))?;
-        let q = v
-            .xyzw("transform.rotation")
-            .and_then(attitude)
-            .ok_or("a transform without a rotation")?;
-        let pose = nalgebra::Isometry3::from_parts(Vector3::from(t).into(), q);
+        let name = |path: &str| {
+            let id = v.text(path).ok_or_else(|| missing(path))?;
+            Ok::<_, String>(id.trim_start_matches('/').to_string())
+        };
         Ok(FrameTransform {
-            parent: name(v, "header.frame_id")?,
-            child: name(v, "child_frame_id")?,
-            pose,
+            pose: pose(v, "transform.translation", "transform.rotation")?,
+            parent: name("header.frame_id")?,
+            child: name("child_frame_id")?,
         })
     };
     list.iter().map(edge).collect()

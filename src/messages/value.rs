@@ -1,7 +1,7 @@
-//! What a message says, whatever wrote it: a tree of named fields that borrows the message's bytes.
+//! A decoded message of any wire format: a tree of named fields that borrows the message's bytes.
 //!
-//! Decoders ask by path (`"header.stamp.sec"`); names are compared without case and underscores,
-//! since ROS 1 says `K` where ROS 2 says `k`, and drivers rename at will.
+//! Fields are accessed by path (`"header.stamp.sec"`). Names are compared without case and
+//! underscores: ROS 1 has `K` where ROS 2 has `k`, and drivers rename at will.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -9,21 +9,21 @@ use std::sync::Arc;
 /// One decoded value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value<'a> {
-    /// true or false
+    /// boolean
     Bool(bool),
-    /// any integer
+    /// integer of any size
     Int(i64),
-    /// a 32- or 64-bit float
+    /// 32- or 64-bit float
     Float(f64),
-    /// a string
+    /// string
     Text(Cow<'a, str>),
-    /// `uint8[]`: borrowed, so a picture costs nothing to read
+    /// `uint8[]`; borrowed, so an image is not copied
     Bytes(Cow<'a, [u8]>),
-    /// an array of any other numeric type
+    /// array of any other numeric type
     Numbers(Vec<f64>),
-    /// an array of messages or strings
+    /// array of messages or strings
     List(Vec<Value<'a>>),
-    /// a message: fields in the order of the schema
+    /// message: fields in the order of the schema
     Record(Vec<(Arc<str>, Value<'a>)>),
 }
 
@@ -36,7 +36,7 @@ pub fn plain_name(name: &str) -> String {
     plain(name).collect()
 }
 
-/// Equal but for case and underscores.
+/// Whether two names are equal without case and underscores.
 pub fn same_name(a: &str, b: &str) -> bool {
     a == b || plain(a).eq(plain(b))
 }
@@ -77,7 +77,12 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// A bool at a path; numbers count as true where they are not 0.
+    /// A size or count at a path; `None` where it is negative.
+    pub fn size(&self, path: &str) -> Option<usize> {
+        self.integer(path).and_then(|v| usize::try_from(v).ok())
+    }
+
+    /// A bool at a path; numbers other than 0 are true.
     pub fn flag(&self, path: &str) -> Option<bool> {
         self.number(path).map(|v| v != 0.0)
     }
@@ -128,20 +133,20 @@ impl<'a> Value<'a> {
     }
 }
 
-/// How many values one message may become: in proportion to its bytes, whatever its lengths and its
-/// schema claim.
+/// Limit on the number of values decoded from one message: in proportion to its size, whatever
+/// lengths it claims.
 pub struct Budget(usize);
 
 impl Budget {
-    /// For a message of these bytes.
+    /// The budget of a message.
     pub fn of(message: &[u8]) -> Self {
         Self(4096 + 16 * message.len())
     }
 
-    /// Takes from it.
+    /// Counts `values` more values.
     ///
     /// # Errors
-    /// A sentence where nothing is left.
+    /// The budget is exceeded.
     pub fn spend(&mut self, values: usize) -> Result<(), String> {
         self.0 = self
             .0

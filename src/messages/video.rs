@@ -1,16 +1,18 @@
-//! Video in messages: known, so that it can be refused with the remedy. A frame of it needs those
-//! before it, and a decoder that would be larger than all the rest of the program.
+//! Video in messages: recognised in order to refuse it with a remedy. A video frame depends on the
+//! frames before it, and a decoder would be larger than the rest of the program.
 
-use super::{Value, layout::Layout, missing};
+use super::layout::Layout;
+use super::reading::missing;
+use super::value::Value;
 use crate::image::EncodedImage;
 
-/// Codecs in the `format` and `encoding` of messages, each as a word may begin.
+/// Prefixes of video codecs in the fields `format` and `encoding`.
 const CODECS: &[&str] = &["h264", "h265", "hevc", "vp8", "vp9", "av1", "mpeg", "theora"];
 
 /// Whether a format string names a video codec.
 pub fn is_codec(format: &str) -> bool {
-    let word = format.trim().to_ascii_lowercase();
-    CODECS.iter().any(|c| word.starts_with(c)) && !word.contains("jpeg")
+    let format = format.trim().to_ascii_lowercase();
+    CODECS.iter().any(|c| format.starts_with(c)) && !format.contains("jpeg")
 }
 
 /// `ffmpeg_image_transport_msgs/FFMPEGPacket`

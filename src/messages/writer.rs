@@ -1,30 +1,29 @@
-//! Values → bytes on the wire: little-endian CDR, ROS 1 serialisation, or protobuf, field by field
-//! in the order of the schema.
+//! Serialises messages field by field, in the order of the schema: little-endian CDR, ROS 1
+//! serialisation, or protobuf.
 
-/// How added messages are written.
+/// Encoding of the added messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WireFormat {
     /// ROS 2
     Cdr,
-    /// ROS 1: the same without header, alignment and NUL; headers have a number
+    /// ROS 1: CDR without encapsulation header, alignment and NUL; a `Header` has a `seq`
     Ros1,
-    /// protobuf: a field's number is its place in the schema, where [`Writer::at`] says nothing
-    /// else
+    /// the number of a field is its position in the schema, unless [`Writer::at`] sets it
     Protobuf,
 }
 
-/// Writes one message.
+/// Serialises one message.
 pub struct Writer {
     wire: WireFormat,
     bytes: Vec<u8>,
-    /// protobuf's number of the next field
+    /// protobuf field number
     next: u32,
 }
 
-/// protobuf's wire types.
+/// Wire types of protobuf.
 const VARINT: u32 = 0;
 const FIXED64: u32 = 1;
-const SIZED: u32 = 2;
+const LENGTH_DELIMITED: u32 = 2;
 const FIXED32: u32 = 5;
 
 impl Writer {
@@ -34,12 +33,12 @@ impl Writer {
         Self { wire, bytes, next: 1 }
     }
 
-    /// protobuf: the next field has this number; nothing in the other encodings.
+    /// Sets protobuf's number of the next field.
     pub fn at(self, number: u32) -> Self {
         Self { next: number, ..self }
     }
 
-    /// Bytes as they are, aligned to `size` in CDR.
+    /// Raw bytes, aligned to `size` in CDR.
     fn aligned(mut self, bytes: &[u8], size: usize) -> Self {
         if self.wire == WireFormat::Cdr {
             let position = self.bytes.len() - 4;
@@ -58,7 +57,7 @@ impl Writer {
         self
     }
 
-    /// protobuf's key of the next field.
+    /// protobuf's key: number and wire type of the next field.
     fn key(mut self, wire_type: u32) -> Self {
         let key = u64::from(self.next << 3 | wire_type);
         self.next += 1;
@@ -83,7 +82,7 @@ impl Writer {
         }
     }
 
-    /// `uint32` that is `fixed32` in protobuf, as Foxglove's are
+    /// `uint32`; `fixed32` in protobuf, as in Foxglove's schemas
     pub fn fixed32(self, v: u32) -> Self {
         if self.is_protobuf() {
             self.key(FIXED32).aligned(&v.to_le_bytes(), 1)
@@ -101,12 +100,12 @@ impl Writer {
         }
     }
 
-    /// Several fields of `float64`
+    /// several fields of `float64`
     pub fn f64s(self, values: &[f64]) -> Self {
         values.iter().fold(self, |w, v| w.f64(*v))
     }
 
-    /// `float64[N]`: no length on the wire of ROS
+    /// `float64[N]`; ROS writes no length
     pub fn f64_array(self, values: &[f64]) -> Self {
         if self.is_protobuf() { self.f64_sequence(values) } else { self.f64s(values) }
     }
@@ -116,7 +115,7 @@ impl Writer {
         if !self.is_protobuf() {
             return self.u32(values.len() as u32).f64s(values);
         }
-        let packed = self.key(SIZED).varint(8 * values.len() as u64);
+        let packed = self.key(LENGTH_DELIMITED).varint(8 * values.len() as u64);
         values.iter().fold(packed, |w, v| w.aligned(&v.to_le_bytes(), 1))
     }
 
@@ -133,14 +132,14 @@ impl Writer {
     /// `uint8[]`
     pub fn bytes(self, v: &[u8]) -> Self {
         let counted = if self.is_protobuf() {
-            self.key(SIZED).varint(v.len() as u64)
+            self.key(LENGTH_DELIMITED).varint(v.len() as u64)
         } else {
             self.u32(v.len() as u32)
         };
         counted.aligned(v, 1)
     }
 
-    /// A time: two integers in ROS, a `google.protobuf.Timestamp` in protobuf.
+    /// Time: two integers in ROS, a `google.protobuf.Timestamp` in protobuf.
     pub fn time(self, sec: i32, nanosec: u32) -> Self {
         if self.is_protobuf() {
             // Negative seconds are sign-extended, as int64 is.
@@ -155,14 +154,13 @@ impl Writer {
         }
     }
 
-    /// `std_msgs/Header`; in protobuf the fields `timestamp` and `frame_id`. ROS 1's number of the
-    /// header is 0.
+    /// `std_msgs/Header`; in protobuf the fields `timestamp` and `frame_id`. ROS 1's `seq` is 0.
     pub fn header(self, sec: i32, nanosec: u32, frame_id: &str) -> Self {
         let numbered = if self.wire == WireFormat::Ros1 { self.u32(0) } else { self };
         numbered.time(sec, nanosec).text(frame_id)
     }
 
-    /// The message's bytes.
+    /// The serialised message.
     pub fn finish(self) -> Vec<u8> {
         self.bytes
     }

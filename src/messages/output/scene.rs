@@ -3,7 +3,7 @@
 
 use nalgebra::Isometry3;
 
-use super::super::descriptor::{Form, ProtoType};
+use super::super::descriptor::{FieldType, ProtoType};
 use super::super::writer::{WireFormat, Writer};
 use super::{Header, OutputType, begun};
 
@@ -31,12 +31,12 @@ pub const POINT_CLOUD: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.PointCloud",
         fields: &[
-            ("timestamp", 1, Form::Time),
-            ("frame_id", 2, Form::Text),
-            ("pose", 3, Form::Part(&PROTO_POSE)),
-            ("point_stride", 4, Form::Fixed32),
-            ("fields", 5, Form::Parts(&PACKED_FIELD)),
-            ("data", 6, Form::Bytes),
+            ("timestamp", 1, FieldType::Time),
+            ("frame_id", 2, FieldType::Text),
+            ("pose", 3, FieldType::Message(&PROTO_POSE)),
+            ("point_stride", 4, FieldType::Fixed32),
+            ("fields", 5, FieldType::Messages(&PACKED_FIELD)),
+            ("data", 6, FieldType::Bytes),
         ],
     }),
 };
@@ -57,9 +57,9 @@ pub const POSE: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.PoseInFrame",
         fields: &[
-            ("timestamp", 1, Form::Time),
-            ("frame_id", 2, Form::Text),
-            ("pose", 3, Form::Part(&PROTO_POSE)),
+            ("timestamp", 1, FieldType::Time),
+            ("frame_id", 2, FieldType::Text),
+            ("pose", 3, FieldType::Message(&PROTO_POSE)),
         ],
     }),
 };
@@ -88,38 +88,45 @@ pub const TRANSFORM: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.FrameTransform",
         fields: &[
-            ("timestamp", 1, Form::Time),
-            ("parent_frame_id", 2, Form::Text),
-            ("child_frame_id", 3, Form::Text),
-            ("translation", 4, Form::Part(&VECTOR3)),
-            ("rotation", 5, Form::Part(&QUATERNION)),
+            ("timestamp", 1, FieldType::Time),
+            ("parent_frame_id", 2, FieldType::Text),
+            ("child_frame_id", 3, FieldType::Text),
+            ("translation", 4, FieldType::Message(&VECTOR3)),
+            ("rotation", 5, FieldType::Message(&QUATERNION)),
         ],
     }),
 };
 
 static PROTO_POSE: ProtoType = ProtoType {
     name: "foxglove.Pose",
-    fields: &[("position", 1, Form::Part(&VECTOR3)), ("orientation", 2, Form::Part(&QUATERNION))],
+    fields: &[
+        ("position", 1, FieldType::Message(&VECTOR3)),
+        ("orientation", 2, FieldType::Message(&QUATERNION)),
+    ],
 };
 static VECTOR3: ProtoType = ProtoType {
     name: "foxglove.Vector3",
-    fields: &[("x", 1, Form::Double), ("y", 2, Form::Double), ("z", 3, Form::Double)],
+    fields: &[
+        ("x", 1, FieldType::Double),
+        ("y", 2, FieldType::Double),
+        ("z", 3, FieldType::Double),
+    ],
 };
 static QUATERNION: ProtoType = ProtoType {
     name: "foxglove.Quaternion",
     fields: &[
-        ("x", 1, Form::Double),
-        ("y", 2, Form::Double),
-        ("z", 3, Form::Double),
-        ("w", 4, Form::Double),
+        ("x", 1, FieldType::Double),
+        ("y", 2, FieldType::Double),
+        ("z", 3, FieldType::Double),
+        ("w", 4, FieldType::Double),
     ],
 };
 static PACKED_FIELD: ProtoType = ProtoType {
     name: "foxglove.PackedElementField",
     fields: &[
-        ("name", 1, Form::Text),
-        ("offset", 2, Form::Fixed32),
-        ("type", 3, Form::Choice("NumericType", &NUMERIC_TYPES)),
+        ("name", 1, FieldType::Text),
+        ("offset", 2, FieldType::Fixed32),
+        ("type", 3, FieldType::Enum("NumericType", &NUMERIC_TYPES)),
     ],
 };
 static NUMERIC_TYPES: [&str; 9] =
