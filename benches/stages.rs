@@ -17,7 +17,7 @@ use unwater::geometry::{SeafloorPlane, Support, View};
 use unwater::image::decode::{CameraResponse, PixelValues, read_pixels};
 use unwater::image::noise::Noise;
 use unwater::image::transfer::{Shoulder, SrgbTable};
-use unwater::image::{EncodedImage, LinearImage, SensorImage, encode};
+use unwater::image::{EncodedImage, ImageShape, LinearImage, SensorImage, encode};
 use unwater::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
 use unwater::pipeline::{Options, Silent, estimate_logs};
 use unwater::recording::{Output, Recording, Schema, Window};
@@ -25,6 +25,7 @@ use unwater::units::Stamp;
 use unwater::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
 const SIZE: (usize, usize) = (1344, 1008);
+const SHAPE: ImageShape = ImageShape { width: SIZE.0, height: SIZE.1, bands: 3 };
 
 fn main() {
     divan::main();
@@ -50,7 +51,7 @@ fn rgb8() -> Vec<u8> {
 }
 
 fn jpeg() -> Vec<u8> {
-    encode::jpeg(&rgb8(), SIZE.0, SIZE.1, 3, 92, true).unwrap()
+    encode::jpeg(&rgb8(), SHAPE, 92, true).unwrap()
 }
 
 fn raw(encoding: &str, data: &[u8], channels: usize) -> PixelValues<'static> {
@@ -169,15 +170,13 @@ fn jpeg_decode(bencher: Bencher) {
 #[divan::bench]
 fn jpeg_encode(bencher: Bencher) {
     let samples = rgb8();
-    bencher
-        .counter(pixels())
-        .bench(|| encode::jpeg(black_box(&samples), SIZE.0, SIZE.1, 3, 92, true));
+    bencher.counter(pixels()).bench(|| encode::jpeg(black_box(&samples), SHAPE, 92, true));
 }
 
 #[divan::bench]
 fn png_encode(bencher: Bencher) {
     let samples = rgb8();
-    bencher.counter(pixels()).bench(|| encode::png(black_box(&samples), SIZE.0, SIZE.1, 3, 8));
+    bencher.counter(pixels()).bench(|| encode::png(black_box(&samples), SHAPE, 8));
 }
 
 /// Items are ways of light.
@@ -223,7 +222,7 @@ fn keypoints_and_samples(bencher: Bencher) {
         .pixels
         .chunks_exact_mut(3 * SIZE.0)
         .enumerate()
-        .for_each(|(y, row)| codes.light_row(y, row));
+        .for_each(|(y, row)| codes.linear_row(y, row));
     let image = SensorImage { light, mosaic: None };
     bencher.counter(pixels()).bench(|| {
         samples(

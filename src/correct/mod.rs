@@ -153,7 +153,7 @@ impl Correction<'_> {
         };
         let mut row = vec![0f32; width * stored];
         for y in 0..height {
-            codes.light_row(y, &mut row);
+            codes.linear_row(y, &mut row);
             if let Some(flat) = frame.flat_field {
                 flat.divide_row(y, codes.mosaic, &mut row);
             }

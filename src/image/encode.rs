@@ -1,21 +1,22 @@
-//! Linear picture → bytes of a corrected message: sRGB-coded 8 bit, or linear 16 bit.
+//! Pixel values → JPEG and PNG files.
 
 use image::ImageEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use libjpeg_turbo_rs::{PixelFormat, Subsampling};
 
-/// Encodes 8-bit samples (1 or 3 bands) as JPEG.
+use super::ImageShape;
+
+/// Encodes 8-bit samples (row-major, 1 or 3 bands) as JPEG.
 ///
 /// # Errors
-/// The encoder's own words; pictures over 65535 pixels a side.
+/// The encoder's message; images over 65535 pixels a side.
 pub fn jpeg(
     samples: &[u8],
-    width: usize,
-    height: usize,
-    bands: usize,
+    shape: ImageShape,
     quality: u8,
     subsampled: bool,
 ) -> Result<Vec<u8>, String> {
+    let ImageShape { width, height, bands } = shape;
     if width.max(height) > 65535 {
         return Err(format!("a JPEG cannot hold {width}×{height} pixels; use --image-format png"));
     }
@@ -28,19 +29,14 @@ pub fn jpeg(
         .map_err(|e| format!("the JPEG encoder failed: {e}"))
 }
 
-/// Encodes 8-bit samples (1 or 3 bands) as PNG, or 16-bit ones given as native-endian bytes.
+/// Encodes 8-bit samples (row-major, 1 or 3 bands), or 16-bit ones given as native-endian bytes, as
+/// PNG.
 ///
 /// # Errors
-/// The encoder's own words.
-pub fn png(
-    samples: &[u8],
-    width: usize,
-    height: usize,
-    bands: usize,
-    bits: u8,
-) -> Result<Vec<u8>, String> {
+/// The encoder's message.
+pub fn png(samples: &[u8], shape: ImageShape, bits: u8) -> Result<Vec<u8>, String> {
     use image::ExtendedColorType as C;
-    let color = match (bands, bits) {
+    let color = match (shape.bands, bits) {
         (1, 8) => C::L8,
         (1, _) => C::L16,
         (_, 8) => C::Rgb8,
@@ -48,7 +44,7 @@ pub fn png(
     };
     let mut out = Vec::with_capacity(samples.len());
     PngEncoder::new_with_quality(&mut out, CompressionType::Fast, FilterType::Adaptive)
-        .write_image(samples, width as u32, height as u32, color)
+        .write_image(samples, shape.width as u32, shape.height as u32, color)
         .map_err(|e| format!("the PNG encoder failed: {e}"))?;
     Ok(out)
 }

@@ -1,53 +1,51 @@
-//! What the lens and the sensor take from an evenly lit picture (Eq. 7): vignetting as a formula,
-//! or a picture of an evenly lit surface. Divided out of every frame before anything else.
-//!
-//! In: the share of light that arrives, per pixel and band, 1 where most does. Mosaics are divided
-//! as they are.
+//! Flat-field correction (Eq. 7): relative transmission of lens and sensor per pixel, from a
+//! vignetting formula or from an image of an evenly lit surface. Divided out of every image before
+//! all other steps, and before demosaicing.
 
 use super::demosaic::BayerPattern;
 use super::{LinearImage, SensorImage};
 
-/// Pixels darker than this share of the brightest say nothing.
-const LEAST_SHARE: f32 = 0.02;
-/// The brightest of a picture is this quantile of it: single pixels are not believed.
-const BRIGHTEST: f64 = 0.99;
+/// Lower bound of the transmission; darker pixels carry no information.
+const MIN_TRANSMISSION: f32 = 0.02;
+/// Quantile of an image that counts as transmission 1; single pixels may be outliers.
+const WHITE_QUANTILE: f64 = 0.99;
 
-/// Shares of light over a picture.
+/// Transmission per pixel and band; 1 at the brightest pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatField {
-    shares: LinearImage,
+    transmission: LinearImage,
 }
 
 impl FlatField {
-    /// From a formula of the pixel's place.
-    pub fn from_fn(width: usize, height: usize, share: impl Fn(f64, f64) -> f64) -> Self {
-        let mut shares = LinearImage::new(width, height, 1);
-        for (y, row) in shares.pixels.chunks_exact_mut(width).enumerate() {
+    /// From the transmission at column and row [px], the same for all bands.
+    pub fn from_fn(width: usize, height: usize, at: impl Fn(f64, f64) -> f64) -> Self {
+        let mut transmission = LinearImage::new(width, height, 1);
+        for (y, row) in transmission.pixels.chunks_exact_mut(width).enumerate() {
             row.iter_mut()
                 .enumerate()
-                .for_each(|(x, v)| *v = (share(x as f64, y as f64) as f32).max(LEAST_SHARE));
+                .for_each(|(x, v)| *v = (at(x as f64, y as f64) as f32).max(MIN_TRANSMISSION));
         }
-        Self { shares }
+        Self { transmission }
     }
 
-    /// From a picture of an evenly lit surface, each band brought to 1.
-    pub fn from_image(mut picture: LinearImage) -> Self {
-        for band in 0..picture.bands {
+    /// From an image of an evenly lit surface; each band is normalised to 1.
+    pub fn from_image(mut image: LinearImage) -> Self {
+        for band in 0..image.bands {
             let mut values: Vec<f32> =
-                picture.pixels.iter().skip(band).step_by(picture.bands).copied().collect();
-            let at = ((values.len() - 1) as f64 * BRIGHTEST) as usize;
+                image.pixels.iter().skip(band).step_by(image.bands).copied().collect();
+            let at = ((values.len() - 1) as f64 * WHITE_QUANTILE) as usize;
             let brightest = *values.select_nth_unstable_by(at, f32::total_cmp).1;
-            picture
+            image
                 .pixels
                 .iter_mut()
                 .skip(band)
-                .step_by(picture.bands)
-                .for_each(|v| *v = (*v / brightest.max(1e-9)).max(LEAST_SHARE));
+                .step_by(image.bands)
+                .for_each(|v| *v = (*v / brightest.max(1e-9)).max(MIN_TRANSMISSION));
         }
-        Self { shares: picture }
+        Self { transmission: image }
     }
 
-    /// Divides a picture.
+    /// Divides an image.
     ///
     /// # Errors
     /// The sizes differ.
@@ -63,26 +61,28 @@ impl FlatField {
         Ok(())
     }
 
-    /// Refuses pictures of another size.
+    /// Checks the size of an image.
     ///
     /// # Errors
     /// The sizes differ.
     pub fn check_size(&self, width: usize, height: usize) -> Result<(), String> {
-        match (self.shares.width, self.shares.height) {
+        match (self.transmission.width, self.transmission.height) {
             own if own == (width, height) => Ok(()),
-            (w, h) => Err(format!("the flat field is {w}×{h}, the picture {width}×{height}")),
+            (w, h) => Err(format!("the flat field is {w}×{h} px, the image {width}×{height} px")),
         }
     }
 
-    /// Divides row `y` of a picture of the same size.
+    /// Divides row `y` of an image of the same size.
     pub fn divide_row(&self, y: usize, mosaic: Option<BayerPattern>, light: &mut [f32]) {
-        let LinearImage { width, bands, ref pixels, .. } = self.shares;
+        let LinearImage { width, bands, ref pixels, .. } = self.transmission;
         let stored = light.len() / width;
-        let shares = pixels[y * width * bands..][..width * bands].chunks_exact(bands);
-        for (x, (pixel, share)) in light.chunks_exact_mut(stored).zip(shares).enumerate() {
+        let transmission = pixels[y * width * bands..][..width * bands].chunks_exact(bands);
+        for (x, (pixel, transmission)) in
+            light.chunks_exact_mut(stored).zip(transmission).enumerate()
+        {
             for (b, value) in pixel.iter_mut().enumerate() {
-                let band = mosaic.map_or(b, |phase| phase.band(x, y));
-                *value /= share[band.min(bands - 1)];
+                let band = mosaic.map_or(b, |pattern| pattern.band(x, y));
+                *value /= transmission[band.min(bands - 1)];
             }
         }
     }
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_evenly_lit_picture_comes_out_even() {
+    fn an_image_of_an_evenly_lit_surface_becomes_uniform() {
         let falloff =
             |x: f64, y: f64| 1.0 / (1.0 + ((x - 20.0).powi(2) + (y - 15.0).powi(2)) / 900.0);
         let mut light = LinearImage::new(41, 31, 3);

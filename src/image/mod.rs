@@ -1,94 +1,96 @@
-//! Pictures: encoded as they lie in the log, and linear, proportional to light (paper §II-F, Eq. 8
+//! Images: encoded, as stored in the log, and linear, proportional to radiance (paper §II-F, Eq. 8
 //! to 9).
 //!
-//! The logarithm of Eq. 15 is lawful only on linear values; taking the log of gamma-coded ones is
-//! the likeliest silent mistake in this field. So [`EncodedImage`] and [`LinearImage`] are
-//! different types and [`decode`](decode::decode) is the only way from one to the other.
+//! Eq. 15 holds for the logarithm of linear values only; the logarithm of gamma-encoded values is a
+//! silent mistake. [`EncodedImage`] and [`LinearImage`] are therefore different types, and
+//! [`decode`](decode::decode) is the only conversion.
 
 pub mod decode;
 pub mod demosaic;
 pub mod encode;
+mod encoding;
 pub mod flat_field;
+mod jpeg_header;
 pub mod noise;
 mod packed;
+mod pixel_values;
 pub mod reduce;
 pub mod response;
 pub mod transfer;
 mod yuv;
 
-/// The largest of many values, none of which counts below 0: eight at a time, in a loop that
-/// vectorises.
+/// Maximum of the values and 0. Eight lanes, so that the loop vectorises.
 pub fn max_value(values: &[f32]) -> f32 {
     let (blocks, rest) = values.as_chunks::<8>();
-    let most = blocks.iter().fold([0f32; 8], |most, block| {
-        std::array::from_fn(|k| if block[k] > most[k] { block[k] } else { most[k] })
+    let max = blocks.iter().fold([0f32; 8], |max, block| {
+        std::array::from_fn(|k| if block[k] > max[k] { block[k] } else { max[k] })
     });
-    most.iter().chain(rest).copied().fold(0.0, f32::max)
+    max.iter().chain(rest).copied().fold(0.0, f32::max)
 }
 
-/// A picture as a message holds it.
+/// An image as stored in a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EncodedImage<'v> {
-    /// pixels, row by row
+    /// uncompressed pixels, row-major
     Raw {
         /// [px]
         width: usize,
         /// [px]
         height: usize,
-        /// a `sensor_msgs/image_encodings` word
+        /// a name of `sensor_msgs/image_encodings`
         encoding: &'v str,
         /// byte order of 16-bit samples
         big_endian: bool,
         /// bytes from one row to the next; may exceed width × bytes per pixel
         step: usize,
-        /// the rows
+        /// `height × step` bytes
         data: &'v [u8],
     },
     /// a JPEG, PNG or WebP file
     Compressed {
-        /// what the writer says it is; only its first word, the pixel format before compression, is
-        /// believed
+        /// as in `sensor_msgs/CompressedImage`; only the part before `;`, the encoding before
+        /// compression, is used
         format: &'v str,
-        /// the file's bytes
+        /// contents of the file
         data: &'v [u8],
     },
-    /// a packet of a video stream: no picture by itself
+    /// a packet of a video stream; not decodable on its own
     Video {
         /// `h264`, …
         codec: &'v str,
     },
 }
 
-/// The container a picture came in or goes out in.
+/// File format of an image, read or written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Container {
-    /// JPEG; `subsampled` where the source halves its colour (4:2:0 or 4:2:2)
+    /// JPEG
     Jpeg {
-        /// colour at half resolution
+        /// chroma at half resolution (4:2:0 or 4:2:2)
         subsampled: bool,
     },
     /// PNG
     Png,
-    /// bare pixels
+    /// uncompressed pixels
     Raw,
 }
 
-/// A decoded picture: light, still one band per pixel where the sensor has a mosaic.
+/// A decoded image in linear light, before demosaicing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorImage {
-    /// light as measured: `bands` is 1 for a mosaic
+    /// one band for a Bayer mosaic
     pub light: LinearImage,
-    /// the mosaic's phase
+    /// `None` where every pixel has all bands
     pub mosaic: Option<demosaic::BayerPattern>,
 }
 
 impl SensorImage {
-    /// Bands of the picture once it is demosaiced.
+    /// Number of bands after demosaicing.
     pub fn bands(&self) -> usize {
         if self.mosaic.is_some() { 3 } else { self.light.bands }
     }
 
-    /// All bands at every pixel.
+    /// Demosaics; all bands at every pixel.
     pub fn into_demosaiced(self) -> LinearImage {
         let LinearImage { width, height, ref pixels, .. } = self.light;
         match self.mosaic {
@@ -103,31 +105,47 @@ impl SensorImage {
     }
 }
 
-/// Light, band by band: values proportional to it, 1 = the sensor's full scale.
+/// Pixels proportional to radiance; 1 is the sensor's full scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearImage {
     /// [px]
     pub width: usize,
     /// [px]
     pub height: usize,
-    /// 1 (mono) or 3 (red, green, blue)
+    /// 1 (monochrome) or 3 (red, green, blue)
     pub bands: usize,
-    /// `height × width × bands`, interleaved
+    /// `height × width × bands`, row-major, bands interleaved
     pub pixels: Vec<f32>,
 }
 
+/// Size of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageShape {
+    /// [px]
+    pub width: usize,
+    /// [px]
+    pub height: usize,
+    /// 1 (monochrome) or 3 (red, green, blue)
+    pub bands: usize,
+}
+
 impl LinearImage {
-    /// A black picture.
+    /// A black image.
     pub fn new(width: usize, height: usize, bands: usize) -> Self {
         Self { width, height, bands, pixels: vec![0.0; width * height * bands] }
     }
 
-    /// One pixel's bands.
+    /// Width, height and bands.
+    pub fn shape(&self) -> ImageShape {
+        ImageShape { width: self.width, height: self.height, bands: self.bands }
+    }
+
+    /// Bands of the pixel in column `x` and row `y`.
     pub fn at(&self, x: usize, y: usize) -> &[f32] {
         let start = (y * self.width + x) * self.bands;
         &self.pixels[start..start + self.bands]
     }
 }
 
-/// Bands in the order red, green, blue; a mono picture uses the first `bands` of them.
+/// One value per band: red, green, blue; a monochrome image uses the first only.
 pub type Bands = [f64; 3];

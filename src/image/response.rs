@@ -1,48 +1,47 @@
-//! A camera's response as a table: what code a share of light makes, measured by whoever knows the
-//! camera (step wedge, exposure series). Used instead of a named transfer curve; straight between
-//! the table's points.
+//! Measured camera response (step wedge, exposure series) as a table, linearly interpolated.
+//! Replaces a named transfer curve.
 
-/// A monotone table from codes to light, both as shares of full scale.
+/// A monotone table from pixel value to linear light, both as shares of full scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResponseTable {
-    /// code share, light share; both rise
+    /// (pixel value, light), both strictly increasing
     points: Vec<[f64; 2]>,
 }
 
 impl ResponseTable {
-    /// Checks a table.
+    /// Validates a table.
     ///
     /// # Errors
-    /// A sentence: too few points, a share out of 0 to 1, a code or light that does not rise.
+    /// Fewer than two points, a share outside 0 to 1, a value that does not increase.
     pub fn new(points: Vec<[f64; 2]>) -> Result<Self, String> {
         if points.len() < 2 {
             return Err(format!(
-                "a response needs at least two points [code share, light share]; this has {}",
+                "a response needs at least two points [pixel value, light]; this one has {}",
                 points.len()
             ));
         }
-        if let Some([code, light]) =
+        if let Some([value, light]) =
             points.iter().find(|p| p.iter().any(|v| !(0.0..=1.0).contains(v)))
         {
             return Err(format!(
-                "a response is in shares of full scale, 0 to 1; it has [{code}, {light}]"
+                "a response is in shares of full scale, 0 to 1; it has [{value}, {light}]"
             ));
         }
         if let Some(pair) = points.windows(2).find(|p| p[1][0] <= p[0][0] || p[1][1] <= p[0][1]) {
             let ([a, b], [c, d]) = (pair[0], pair[1]);
             return Err(format!(
-                "in a response both codes and light rise from point to point; [{a}, {b}] is \
-                 followed by [{c}, {d}]"
+                "pixel value and light of a response must increase from point to point; [{a}, {b}] \
+                 is followed by [{c}, {d}]"
             ));
         }
         Ok(Self { points })
     }
 
-    /// Reads a table of two columns, code share and light share. Lines that begin with # and a
-    /// heading are passed over.
+    /// Reads a CSV table of two columns, pixel value and light. Lines that start with # and a
+    /// header are skipped.
     ///
     /// # Errors
-    /// A sentence with the line's number, or that of [`Self::new`].
+    /// A line that is not two numbers, or see [`Self::new`].
     pub fn from_csv(text: &str) -> Result<Self, String> {
         let mut points = Vec::new();
         for (number, line) in (1..).zip(text.trim_start_matches('\u{feff}').lines()) {
@@ -53,12 +52,12 @@ impl ResponseTable {
             let cells: Vec<Option<f64>> =
                 line.split([',', ';', '\t']).map(|c| c.trim().parse().ok()).collect();
             match cells[..] {
-                [Some(code), Some(light)] => points.push([code, light]),
-                _ if points.is_empty() && cells.iter().all(Option::is_none) => {} // a heading
+                [Some(value), Some(light)] => points.push([value, light]),
+                _ if points.is_empty() && cells.iter().all(Option::is_none) => {} // a header
                 _ => {
                     return Err(format!(
-                        "line {number} of the response is not two numbers, code share and light \
-                         share: {line:?}"
+                        "line {number} of the response is not two numbers, pixel value and light: \
+                         {line:?}"
                     ));
                 }
             }
@@ -66,12 +65,12 @@ impl ResponseTable {
         Self::new(points)
     }
 
-    /// Light of a code, both as shares of full scale. Beyond the table the last stretch goes on, to
-    /// no less than no light.
-    pub fn to_linear(&self, code: f64) -> f64 {
-        let next = self.points.partition_point(|p| p[0] < code).clamp(1, self.points.len() - 1);
+    /// Linear light of a pixel value, both as shares of full scale. The first and the last segment
+    /// are extrapolated, down to 0.
+    pub fn to_linear(&self, value: f64) -> f64 {
+        let next = self.points.partition_point(|p| p[0] < value).clamp(1, self.points.len() - 1);
         let ([c0, l0], [c1, l1]) = (self.points[next - 1], self.points[next]);
-        (l0 + (l1 - l0) * (code - c0) / (c1 - c0)).max(0.0)
+        (l0 + (l1 - l0) * (value - c0) / (c1 - c0)).max(0.0)
     }
 }
 
@@ -80,33 +79,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn straight_between_points_and_on_beyond_them() {
+    fn interpolates_between_points_and_extrapolates_beyond() {
         let response =
             ResponseTable::from_csv("code, light\n# dark end\n0.1, 0\n0.5; 0.2\n\n0.9,0.8\n")
                 .expect("a table");
-        for (code, light) in
+        for (value, light) in
             [(0.1, 0.0), (0.3, 0.1), (0.5, 0.2), (0.7, 0.5), (0.9, 0.8), (1.0, 0.95), (0.0, 0.0)]
         {
             assert!(
-                (response.to_linear(code) - light).abs() < 1e-12,
-                "{code}: {}",
-                response.to_linear(code)
+                (response.to_linear(value) - light).abs() < 1e-12,
+                "{value}: {}",
+                response.to_linear(value)
             );
         }
     }
 
     #[test]
-    fn what_is_no_table_is_refused_in_a_sentence() {
-        for (text, said) in [
+    fn an_invalid_table_is_rejected_with_a_reason() {
+        for (text, reason) in [
             ("0,0", "at least two points"),
             ("0,0\n255,1", "shares of full scale"),
-            ("0,0\n0.5,0.4\n0.5,0.6", "rise"),
-            ("0,0\n0.5,0.4\n0.7,0.4", "rise"),
+            ("0,0\n0.5,0.4\n0.5,0.6", "increase"),
+            ("0,0\n0.5,0.4\n0.7,0.4", "increase"),
             ("0,0\n0.5,x", "line 2"),
             ("0,0\n0.5,nan", "shares of full scale"),
         ] {
             let error = ResponseTable::from_csv(text).expect_err(text);
-            assert!(error.contains(said), "{text:?}: {error}");
+            assert!(error.contains(reason), "{text:?}: {error}");
         }
     }
 }

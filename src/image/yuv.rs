@@ -1,14 +1,14 @@
-//! Luma and chroma → 8-bit rgb: the YUV words of `sensor_msgs/image_encodings` and of Foxglove.
+//! YUV → 8-bit RGB: the YUV encodings of `sensor_msgs/image_encodings` and of Foxglove.
 //!
-//! BT.601 with video levels (16 to 235), as OpenCV and so `cv_bridge` read them. Which standard a
-//! camera means is nowhere in the message.
+//! BT.601 with video levels (16 to 235), as in OpenCV and `cv_bridge`; the message does not name
+//! the standard.
 
-/// How a YUV picture lies in memory.
+/// Memory layout of a YUV image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Order {
-    /// two pixels in four bytes: U Y V Y (or the places of these)
+    /// two pixels in four bytes; offsets of Y, U and V
     Packed { y: [usize; 2], u: usize, v: usize },
-    /// a plane of Y, then one of U and V in pairs, halved in both directions or in none
+    /// a plane of Y, then one of interleaved chroma (U at offset `u`), at half resolution or full
     Planes { u: usize, halved: bool },
 }
 
@@ -23,12 +23,12 @@ fn order(encoding: &str) -> Option<Order> {
     })
 }
 
-/// Whether this word is one of them.
+/// Whether this is a YUV encoding.
 pub fn is_yuv(encoding: &str) -> bool {
     order(encoding).is_some()
 }
 
-/// The picture as rgb8 without padding; `None` where the data are too short.
+/// `rgb8` without padding; `None` where the data are too short.
 pub fn to_rgb8(
     encoding: &str,
     (width, height): (usize, usize),
@@ -85,8 +85,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_red_in_every_order() {
-        // 81, 90, 240 is BT.601's red.
+    fn red_is_the_same_in_every_layout() {
+        // Y 81, U 90, V 240 is red in BT.601.
         let red = [254u8, 0, 0];
         let cases: [(&str, usize, Vec<u8>); 5] = [
             ("uyvy", 8, [90, 81, 240, 81].repeat(8)),
@@ -101,7 +101,7 @@ mod tests {
             assert_eq!(
                 to_rgb8(encoding, (4, 4), step, &data[..data.len() - 1]),
                 None,
-                "{encoding} cut"
+                "{encoding} truncated"
             );
             assert_eq!(to_rgb8(encoding, (4, 4), usize::MAX, &data), None);
         }

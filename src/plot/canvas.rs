@@ -1,7 +1,7 @@
 //! Pixels to draw on: pictures, words, lines. 8-bit RGB, origin at the upper left.
 
 use super::font::{HEIGHT, WIDTH, dot, glyph};
-use crate::image::encode;
+use crate::image::{ImageShape, encode};
 
 /// A picture in the making.
 #[derive(Clone, Debug, PartialEq)]
@@ -102,7 +102,8 @@ impl Canvas {
     /// # Errors
     /// The encoder's own words.
     pub fn png(&self) -> Result<Vec<u8>, String> {
-        encode::png(&self.pixels, self.width, self.height, 3, 8)
+        let shape = ImageShape { width: self.width, height: self.height, bands: 3 };
+        encode::png(&self.pixels, shape, 8)
     }
 }
 

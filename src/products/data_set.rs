@@ -17,7 +17,7 @@ use super::dive::{CameraLog, CorrectedLog, FrameRecord, messages_of};
 use super::places::{Fix, Places, fix_at};
 use super::write_whole;
 use crate::error::{Error, Result};
-use crate::image::{EncodedImage, encode};
+use crate::image::{EncodedImage, ImageShape, encode};
 use crate::messages::Kind;
 use crate::pipeline::{Progress, Step, sha256};
 use crate::recording::{Message, Window};
@@ -177,7 +177,7 @@ fn still(
             if bits == 16 && big_endian != cfg!(target_endian = "big") {
                 samples.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1));
             }
-            Ok((encode::png(&samples, width, height, bands, bits)?, "png"))
+            Ok((encode::png(&samples, ImageShape { width, height, bands }, bits)?, "png"))
         }
         _ => Err("it is neither JPEG, PNG nor pixels".into()),
     }

@@ -3,7 +3,7 @@
 use base64::Engine as _;
 
 use crate::image::transfer::{Shoulder, SrgbTable};
-use crate::image::{LinearImage, encode};
+use crate::image::{ImageShape, LinearImage, encode};
 
 /// Light of the brightest that is shown [share of white], and which quantile of the picture that
 /// is.
@@ -96,14 +96,8 @@ pub fn codes_as_shown(image: &LinearImage) -> Vec<u8> {
 }
 
 /// A JPEG inside of a page.
-pub fn jpeg_uri(
-    codes: &[u8],
-    width: usize,
-    height: usize,
-    bands: usize,
-    quality: u8,
-) -> Result<String, String> {
-    let jpeg = encode::jpeg(codes, width, height, bands, quality, true)?;
+pub fn jpeg_uri(codes: &[u8], shape: ImageShape, quality: u8) -> Result<String, String> {
+    let jpeg = encode::jpeg(codes, shape, quality, true)?;
     Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg)))
 }
 

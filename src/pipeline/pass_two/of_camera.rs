@@ -10,7 +10,7 @@ use crate::geometry::{NoSeafloor, View};
 use crate::image::decode::{self, CameraResponse};
 use crate::image::noise::Noise;
 use crate::image::transfer::SrgbTable;
-use crate::image::{Container, encode};
+use crate::image::{Container, ImageShape, encode};
 use crate::messages::output::{self, OutputSchema, OutputType};
 use crate::messages::writer::WireFormat;
 use crate::messages::{Header, Kind, header};
@@ -244,7 +244,8 @@ impl OfCamera<'_> {
             memory.codes = codes.into_buffer();
             let (width, height) = rectified.map_or((width, height), |c| (c.width, c.height));
             let shown = || -> std::result::Result<Shown, String> {
-                let png = |mask: Vec<u8>| encode::png(&mask, width, height, 1, 8);
+                let png =
+                    |mask: Vec<u8>| encode::png(&mask, ImageShape { width, height, bands: 1 }, 8);
                 let mask = mask
                     .map(png)
                     .transpose()?
@@ -290,25 +291,19 @@ impl OfCamera<'_> {
         subsampled: bool,
     ) -> std::result::Result<Vec<u8>, String> {
         let deep = self.config.render.depth == 16;
+        let shape = ImageShape { width, height, bands };
         Ok(match container {
             Container::Jpeg { .. } => output::compressed_image(
                 self.wire,
                 header,
                 "jpeg",
-                &encode::jpeg(
-                    samples,
-                    width,
-                    height,
-                    bands,
-                    self.config.render.jpeg_quality,
-                    subsampled,
-                )?,
+                &encode::jpeg(samples, shape, self.config.render.jpeg_quality, subsampled)?,
             ),
             Container::Png => output::compressed_image(
                 self.wire,
                 header,
                 "png",
-                &encode::png(samples, width, height, bands, self.config.render.depth)?,
+                &encode::png(samples, shape, self.config.render.depth)?,
             ),
             Container::Raw => {
                 let encoding = match (bands, deep) {

@@ -98,9 +98,7 @@ impl OfCamera<'_> {
         let samples: Vec<u8> = small.pixels.iter().map(|v| srgb.encode(v * exposure)).collect();
         let jpeg = encode::jpeg(
             &samples,
-            small.width,
-            small.height,
-            small.bands,
+            small.shape(),
             self.config.render.jpeg_quality.min(PREVIEW_QUALITY),
             true,
         )?;

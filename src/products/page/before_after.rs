@@ -29,8 +29,7 @@ pub fn figure(
     let mut frames = Vec::new();
     for record in camera.frames.iter().filter(|f| shown.contains(&f.log_time)) {
         let Some(after) = corrected.get(&record.log_time) else { continue };
-        let uri =
-            |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.width, i.height, i.bands, QUALITY);
+        let uri = |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.shape(), QUALITY);
         let Ok(after_uri) = uri(&codes_as_shown(after), after) else { continue };
         let before_uri = raw.get(&record.log_time).and_then(|i| uri(&codes(i, brighter), i).ok());
         let title = format!(

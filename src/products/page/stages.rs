@@ -74,7 +74,7 @@ fn balance_of(gain: &[f64]) -> WhiteBalance {
 }
 
 fn tile(name: &str, image: &LinearImage, factor: f32) -> Result<String, String> {
-    let uri = jpeg_uri(&codes(image, factor), image.width, image.height, image.bands, QUALITY)?;
+    let uri = jpeg_uri(&codes(image, factor), image.shape(), QUALITY)?;
     let name = escape_markup(name);
     Ok(format!(
         "<div><img width=\"{}\" height=\"{}\" alt=\"{name}\" src=\"{uri}\"><p \

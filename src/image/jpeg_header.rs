@@ -1,0 +1,40 @@
+//! JPEG header: chroma subsampling, and whether the compressed data are complete.
+
+/// Calls `visit` with marker and payload of every segment before the first scan; returns the offset
+/// of that scan.
+fn visit_segments(data: &[u8], mut visit: impl FnMut(u8, &[u8])) -> Option<usize> {
+    let mut at = 2;
+    loop {
+        let &[0xff, marker, hi, lo] = data.get(at..at + 4)? else { return None };
+        if marker == 0xff {
+            at += 1; // a fill byte
+            continue;
+        }
+        let length = usize::from(u16::from_be_bytes([hi, lo])).max(2);
+        if marker == 0xda {
+            return Some(at);
+        }
+        visit(marker, data.get(at + 4..at + 2 + length)?);
+        at += 2 + length;
+    }
+}
+
+/// Whether an end-of-image marker follows the first scan. The decoder fills a truncated scan with
+/// grey and reports no error. (The end marker of an embedded thumbnail precedes the scan.)
+pub fn is_complete(data: &[u8]) -> bool {
+    let last = |marker: [u8; 2]| data.windows(2).rposition(|w| w == marker);
+    let scan = || visit_segments(data, |_, _| {}).or_else(|| last([0xff, 0xda]));
+    last([0xff, 0xd9]).is_some_and(|end| scan().is_some_and(|scan| end > scan))
+}
+
+/// Whether the frame header samples the first component more finely than the others.
+pub fn is_subsampled(data: &[u8]) -> bool {
+    let mut subsampled = false;
+    visit_segments(data, |marker, body| {
+        if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
+            let components = body.get(5).copied().unwrap_or(1);
+            subsampled = components >= 3 && body.get(7).is_some_and(|sampling| *sampling != 0x11);
+        }
+    });
+    subsampled
+}
