@@ -18,7 +18,7 @@ use unwater::image::decode::{CameraResponse, PixelValues, read_pixels};
 use unwater::image::noise::Noise;
 use unwater::image::transfer::{Shoulder, SrgbTable};
 use unwater::image::{EncodedImage, ImageShape, LinearImage, SensorImage, encode};
-use unwater::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
+use unwater::model::{BeamGrid, BeamPattern, ImagingModel, Removal, RenderingFile, SpreadingModel};
 use unwater::pipeline::{Options, Silent, estimate_logs};
 use unwater::recording::{Output, Recording, Schema, Window};
 use unwater::units::Stamp;
@@ -190,7 +190,7 @@ fn geometry(bencher: Bencher) {
         places
             .iter()
             .filter_map(|(u, v)| view.light_path(*u, *v))
-            .map(|p| scene.model.log_light(&p, 0))
+            .map(|p| scene.model.log_radiance(&p, Removal::FULL)[0])
             .sum::<f64>()
     });
 }

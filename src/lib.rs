@@ -21,6 +21,8 @@ pub mod messages;
 
 pub mod model;
 
+pub mod solver;
+
 pub mod correct;
 pub mod estimate;
 

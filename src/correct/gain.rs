@@ -15,11 +15,11 @@
 //! pixel by pixel.
 
 use super::nodes::{Nodes, Walk, between};
-use super::{Correction, FrameFacts, log_removed, log_removed_by_way, mask, removes_beam};
+use super::{Correction, FrameFacts, mask};
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::demosaic::BayerPattern;
 use crate::image::noise::Noise;
-use crate::model::BeamPattern;
+use crate::model::{BeamPattern, Removal};
 
 /// More is darkness in any case, and would be no number where it meets the cap.
 const MOST_LOG_GAIN: f32 = 60.0;
@@ -203,6 +203,7 @@ impl<'g> GainGrid<'g> {
     /// All nodes, from exact ones `every` so many nodes.
     fn fill_between(&mut self, every: usize, sums: &mut Sums) {
         let Correction { config, model, .. } = *self.correction;
+        let removal = Removal::of(config.method);
         let (columns, rows, bands, step) =
             (self.gains.columns, self.gains.rows, self.bands, self.gains.step);
         // θ, φ, log of what the way took per band, scattered light per band
@@ -216,14 +217,14 @@ impl<'g> GainGrid<'g> {
                 let light = self.scattered_at(u, v, &path);
                 let node = smooth.at_mut(row, column);
                 (node[0], node[1]) = (path.angles.theta_rad as f32, path.angles.phi_rad as f32);
-                let by_way = log_removed_by_way(config.method, model, &path);
+                let by_way = model.log_radiance(&path, removal.without_beam());
                 for b in 0..bands {
                     node[2 + b] = by_way[b] as f32;
                     node[2 + bands + b] = light[b];
                 }
             }
         }
-        let by_beam = if removes_beam(config.method) { 1.0 } else { 0.0 };
+        let by_beam = if removal.beam { 1.0 } else { 0.0 };
         let is_smooth = |row, column| {
             (0..fields).all(|f| {
                 smooth
@@ -302,8 +303,9 @@ impl<'g> GainGrid<'g> {
     /// Gain of one way of light per band, whether the cap holds it, and whether its directions in
     /// the beam were seen.
     fn gain(&self, path: &LightPath) -> ([f32; 3], bool, bool) {
-        let (removed, is_seen) =
-            log_removed(self.correction.config.method, self.correction.model, path);
+        let Correction { model, config, .. } = *self.correction;
+        let removed = model.log_radiance(path, Removal::of(config.method));
+        let is_seen = path.all_angles().all(|a| model.beam_pattern.is_seen(a));
         let (gain, is_capped) = self.held(std::array::from_fn(|b| {
             if b < self.bands { (-removed[b] as f32).min(MOST_LOG_GAIN).exp() } else { 0.0 }
         }));
@@ -551,7 +553,7 @@ mod tests {
                 for x in (0..width).step_by(3 * times - 1) {
                     match view.light_path(x as f64, y as f64) {
                         Some(path) if path.length_m() < 30.0 => {
-                            let exact = (-model.log_light(&path, 0)).exp();
+                            let exact = (-model.log_radiance(&path, Removal::FULL)[0]).exp();
                             worst = worst.max((f64::from(image.at(x, y)[0]) / exact - 1.0).abs());
                         }
                         Some(_) => {}

@@ -20,13 +20,13 @@ mod rendering;
 pub use baselines::{MeanFrames, apply as apply_baseline};
 pub use rendering::estimate_rendering;
 
-use crate::config::{Method, RenderConfig};
-use crate::geometry::{LightPath, View};
+use crate::config::RenderConfig;
+use crate::geometry::View;
 use crate::image::decode::PixelValues;
 use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
-use crate::image::{Bands, LinearImage, max_value};
+use crate::image::{LinearImage, max_value};
 use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain::GainGrid;
@@ -207,46 +207,6 @@ impl Correction<'_> {
             },
         }
     }
-}
-
-/// Log of what a method divides out of each band for one way of light (Fig. 10), and whether the
-/// log has shown all of that way's directions in the beam.
-fn log_removed(method: Method, model: &ImagingModel, path: &LightPath) -> (Bands, bool) {
-    if path.lamp_paths().is_empty() {
-        let (log_gain, is_seen) = model.beam_pattern.read(path.angles);
-        let beam = if removes_beam(method) { log_gain } else { 0.0 };
-        return (log_removed_by_way(method, model, path).map(|way| beam + way), is_seen);
-    }
-    // Light of several lamps is a sum; what a lamp's beam alone does is told by the difference.
-    let removed = match method {
-        Method::Attenuation => log_removed_by_way(method, model, path),
-        Method::BeamPattern => of_bands(model, |b| {
-            model.log_light(path, b) - model.log_water(path, b) - model.log_geometry(path)
-        }),
-        _ => of_bands(model, |b| model.log_light(path, b)),
-    };
-    (removed, path.all_angles().all(|a| model.beam_pattern.is_seen(a)))
-}
-
-/// Whether a method divides by the beam pattern. Baselines divide nothing out; what full correction
-/// would have done stands in the facts.
-fn removes_beam(method: Method) -> bool {
-    method != Method::Attenuation
-}
-
-/// What of that is not the beam pattern's, for one lamp: smooth in the pixel.
-fn log_removed_by_way(method: Method, model: &ImagingModel, path: &LightPath) -> Bands {
-    let (water, geometry) = match method {
-        Method::Attenuation => (1.0, model.spreading.log_light(path)),
-        Method::BeamPattern => (0.0, 0.0),
-        _ => (1.0, model.log_geometry(path)),
-    };
-    of_bands(model, |b| water * model.log_water(path, b) + geometry)
-}
-
-/// A number for each band the model has.
-fn of_bands(model: &ImagingModel, of_band: impl Fn(usize) -> f64) -> Bands {
-    std::array::from_fn(|b| if b < model.bands { of_band(b) } else { 0.0 })
 }
 
 /// The picture a camera without distortion would have taken: bilinear in linear light, black

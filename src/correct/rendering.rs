@@ -3,11 +3,10 @@
 //! Each method removes something else and so has its own. Never per image: what is brighter in the
 //! output is brighter on the seafloor.
 
-use super::log_removed;
 use crate::config::{RenderConfig, WhiteBalance};
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{ImagingModel, RenderingFile};
+use crate::model::{ImagingModel, Removal, RenderingFile};
 
 /// Samples that need more than this factor over the median correction do not vote: far water beside
 /// an oblique camera would set the exposure of the seafloor.
@@ -21,8 +20,10 @@ pub fn estimate_rendering(
     config: &RenderConfig,
 ) -> RenderingFile {
     let bands = model.bands;
-    let removed: Vec<Bands> =
-        samples.iter().map(|(_, path)| log_removed(config.method, model, path).0).collect();
+    let removed: Vec<Bands> = samples
+        .iter()
+        .map(|(_, path)| model.log_radiance(path, Removal::of(config.method)))
+        .collect();
     let medians: Vec<f64> =
         (0..bands).map(|b| quantile(removed.iter().map(|r| -r[b]), 0.5)).collect();
     let is_near = |r: &Bands| (0..bands).all(|b| -r[b] <= medians[b] + FAR_FACTOR.ln());

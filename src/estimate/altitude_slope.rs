@@ -10,9 +10,10 @@
 
 use std::collections::BTreeMap;
 
-use super::samples::{FrameSamples, Sample};
+use super::samples::FrameSamples;
 use crate::geometry::LightPath;
 use crate::image::Bands;
+use crate::solver::Sample;
 use crate::stats;
 
 /// Cells seen in fewer frames have no slope.

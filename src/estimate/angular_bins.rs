@@ -11,41 +11,34 @@
 
 use super::samples::FrameSamples;
 use crate::geometry::LightPath;
-use crate::image::Bands;
-use crate::model::{BeamGrid, BeamPattern, SpreadingModel, log_geometry};
+use crate::model::{BeamGrid, BeamPattern, ImagingModel, Removal};
+use crate::solver::Sample;
 
 /// Bins with fewer samples are unseen.
-const LEAST_SAMPLES: f64 = 12.0;
+const MIN_SAMPLES: f64 = 12.0;
 
-/// Eq. 17 over the grids of all frames.
+/// Eq. 17 over the grids of all frames; `model` is Eq. 15 without its beam pattern.
 pub fn beam_pattern(
     frames: &[FrameSamples],
-    nodes: BeamGrid,
-    attenuation_per_m: &Bands,
-    spreading: SpreadingModel,
-    incidence: bool,
-    path: &dyn Fn(&FrameSamples, &super::samples::Sample) -> Option<LightPath>,
+    model: &ImagingModel,
+    grid: BeamGrid,
+    path: &dyn Fn(&Sample) -> Option<LightPath>,
 ) -> BeamPattern {
-    let count = nodes.count * nodes.count;
+    let count = grid.count * grid.count;
     let (mut sums, mut weights) = (vec![0.0; count], vec![0.0; count]);
     for frame in frames {
         for (_, sample) in &frame.grid {
-            let Some(path) = path(frame, sample).filter(|p| nodes.holds(p.angles)) else {
-                continue;
-            };
-            let geometry = log_geometry(spreading, incidence, &path);
-            let mean = (0..frame.bands)
-                .map(|b| f64::from(sample.log_color[b]) + attenuation_per_m[b] * path.length_m())
-                .sum::<f64>()
-                / frame.bands as f64
-                - geometry;
-            for (node, weight) in nodes.weights(path.angles) {
+            let Some(path) = path(sample).filter(|p| grid.holds(p.angles)) else { continue };
+            let known = model.log_radiance(&path, Removal::FULL.without_beam());
+            let of_band = |b: usize| f64::from(sample.log_color[b]) - known[b];
+            let mean = (0..frame.bands).map(of_band).sum::<f64>() / frame.bands as f64;
+            for (node, weight) in grid.weights(path.angles) {
                 sums[node] += weight * mean;
                 weights[node] += weight;
             }
         }
     }
     let values: Vec<Option<f64>> =
-        sums.iter().zip(&weights).map(|(s, w)| (*w >= LEAST_SAMPLES).then(|| s / w)).collect();
-    BeamPattern::from_nodes(nodes, &values)
+        sums.iter().zip(&weights).map(|(s, w)| (*w >= MIN_SAMPLES).then(|| s / w)).collect();
+    BeamPattern::from_nodes(grid, &values)
 }

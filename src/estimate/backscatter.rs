@@ -12,13 +12,14 @@
 use std::cell::LazyCell;
 
 use super::candidates::completed;
-use super::joint::{JointAnswer, LEAST_DIRECT_SHARE, Problem, Setting};
-use super::samples::{FrameSamples, Sample};
-use super::tracks::{Observation, Track};
-use super::{Samples, held_out};
+use super::samples::FrameSamples;
+use super::{Dataset, held_out};
 use crate::config::Switch;
 use crate::image::Bands;
-use crate::model::{Backscatter, Frustum, ScatterIntegral, ScatterTable};
+use crate::model::{Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterTable};
+use crate::solver::{
+    Fit, JointAnswer, MIN_DIRECT_SHARE, Observation, Problem, Sample, Setup, Track, sample_path,
+};
 use crate::stats;
 
 const STEPS: usize = 12;
@@ -29,9 +30,9 @@ const SETTLED: f64 = 0.01;
 /// rest is not gone into.
 const FIRST_STEPS: usize = 2;
 /// `auto` wants b to be surer than this many standard deviations in a band …
-const SURE: f64 = 4.0;
+const MIN_DEVIATIONS: f64 = 4.0;
 /// … and held-out frames to be foretold better by this.
-const LEAST_IMPROVEMENT: f64 = 0.02;
+const MIN_IMPROVEMENT: f64 = 0.02;
 
 /// What was found.
 #[derive(Clone, Debug)]
@@ -51,151 +52,156 @@ pub struct BackscatterFit {
 
 impl BackscatterFit {
     /// S_Λ of a sample.
-    pub fn glow(&self, samples: &Samples<'_>, sample: &Sample) -> ScatterIntegral {
-        let (x, y, s) = samples.ray(sample);
+    pub fn scatter(&self, data: &Dataset<'_>, sample: &Sample) -> ScatterIntegral {
+        let (x, y, s) = data.ray(sample);
         self.table.at(x, y, s)
     }
 
     /// Frames and tracks with what was scattered back taken off.
-    pub fn taken_off(&self, samples: &Samples<'_>) -> (Vec<FrameSamples>, Vec<Track>) {
-        let bands = samples.bands();
-        let mut tracks = samples.tracks.to_vec();
+    pub fn removed_from(&self, data: &Dataset<'_>) -> (Vec<FrameSamples>, Vec<Track>) {
+        let bands = data.bands();
+        let mut tracks = data.tracks.to_vec();
         for o in tracks.iter_mut().flatten() {
-            let veil = self.backscatter.light(&self.glow(samples, &o.sample));
-            take_off(&mut o.sample, bands, &veil);
+            let scattered = self.backscatter.light(&self.scatter(data, &o.sample));
+            remove(&mut o.sample, bands, &scattered);
         }
-        (off_frames(samples, |sample| self.backscatter.light(&self.glow(samples, sample))), tracks)
+        (
+            remove_from_frames(data, |sample| self.backscatter.light(&self.scatter(data, sample))),
+            tracks,
+        )
     }
 }
 
-/// Frames with a veil taken off their grids; cells that are hardly more than veil are left out.
-pub fn off_frames(samples: &Samples<'_>, veil: impl Fn(&Sample) -> Bands) -> Vec<FrameSamples> {
+/// Frames with a scattered taken off their grids; cells that are hardly more than scattered are left out.
+pub fn remove_from_frames(
+    data: &Dataset<'_>,
+    scattered: impl Fn(&Sample) -> Bands,
+) -> Vec<FrameSamples> {
     let of_frame = |frame: &FrameSamples| {
         let clear = |(cell, sample): &(u32, Sample)| {
-            let (veil, mut sample) = (veil(sample), *sample);
+            let (scattered, mut sample) = (scattered(sample), *sample);
             let is_measured = (0..frame.bands).all(|b| {
-                f64::from(sample.log_color[b]).exp() * (1.0 - LEAST_DIRECT_SHARE) > veil[b]
+                f64::from(sample.log_color[b]).exp() * (1.0 - MIN_DIRECT_SHARE) > scattered[b]
             });
-            take_off(&mut sample, frame.bands, &veil);
+            remove(&mut sample, frame.bands, &scattered);
             is_measured.then_some((*cell, sample))
         };
         frame.with_grid(frame.grid.iter().filter_map(clear).collect())
     };
-    samples.frames.iter().map(of_frame).collect()
+    data.frames.iter().map(of_frame).collect()
 }
 
-fn take_off(sample: &mut Sample, bands: usize, veil: &Bands) {
+fn remove(sample: &mut Sample, bands: usize, scattered: &Bands) {
     for b in 0..bands {
         let light = f64::from(sample.log_color[b]).exp();
-        sample.log_color[b] = (light - veil[b]).max(LEAST_DIRECT_SHARE * light).ln() as f32;
+        sample.log_color[b] = (light - scattered[b]).max(MIN_DIRECT_SHARE * light).ln() as f32;
     }
 }
 
-/// Whether b of a band is so many standard deviations above nothing.
-fn surely(answer: &JointAnswer, sure: f64) -> bool {
-    answer
-        .backscatter
-        .is_some_and(|(b, std)| b.strength_per_m.iter().zip(std).any(|(b, std)| *b > sure * std))
+/// Whether b of some band exceeds so many standard deviations.
+fn exceeds(answer: &JointAnswer, deviations: f64) -> bool {
+    answer.backscatter.is_some_and(|(b, std)| {
+        b.strength_per_m.iter().zip(std).any(|(b, std)| *b > deviations * std)
+    })
 }
 
-/// Finds b; `None` where the log shows none (or, for `auto`, no evidence of it).
-pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<BackscatterFit> {
-    let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
-    let plain = Setting { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setting };
-    let mut problem = Problem::new(samples.tracks, &plain, mount, paths)?;
+/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it).
+pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
+    let plain = Setup { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setup };
+    let mut problem = Problem::new(data.tracks, &plain, data.lamps, &sample_path)?;
     let solution = problem.solve(plain.rounds)?;
-    let mut said = problem.said(&solution);
-    let without = LazyCell::new(|| held_out::misfits(samples.tracks, &plain, mount, paths));
-    let frustum = Frustum::around(
-        samples.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| samples.ray(s))),
-    );
-    let mut now = Backscatter::NONE;
-    let mut settled = None;
+    let mut fit = problem.fit(&solution);
+    let held_out_by =
+        |setup: &Setup<'_>| held_out::misfits(data.tracks, setup, data.lamps, &sample_path);
+    let without = LazyCell::new(|| held_out_by(&plain));
+    let rays = data.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| data.ray(s)));
+    let frustum = Frustum::around(rays);
     for step in 0..STEPS {
-        now.attenuation_per_m = said.attenuation_per_m.map(|a| a.max(0.0));
+        let attenuation_per_m = fit.attenuation_per_m.map(|a| a.max(0.0));
+        let before = Backscatter { attenuation_per_m, ..fit.backscatter };
         let table = ScatterTable::new(
-            &said.beam,
-            samples.body_from_optical,
-            &mount,
-            &now.attenuation_per_m,
+            &fit.beam,
+            data.body_from_optical,
+            &data.lamps,
+            &attenuation_per_m,
             frustum,
         );
-        let glow = |o: &Observation| {
-            let (x, y, s) = samples.ray(&o.sample);
+        let scatter = |o: &Observation| {
+            let (x, y, s) = data.ray(&o.sample);
             table.at(x, y, s)
         };
-        let before = now;
-        let with_glow = Setting { glow: Some((&before, &glow)), ..plain };
-        let mut problem = Problem::new(samples.tracks, &with_glow, mount, paths)?;
-        let solution = problem.solve(with_glow.rounds)?;
-        said = problem.said(&solution);
-        now = said.backscatter;
-        // The pattern as the model will have it, so that what counts as seen is the same in both
-        // passes.
-        let frames = off_frames(samples, |sample| {
-            let (x, y, s) = samples.ray(sample);
-            now.light(&table.at(x, y, s))
-        });
-        said.beam = completed(
-            &said.beam.by_node(),
-            &Samples { frames: &frames, ..*samples },
-            &said.attenuation_per_m,
-            setting.spreading,
-            setting.config,
-        );
-        let foretold = |now: &Backscatter| {
-            held_out::misfits(
-                samples.tracks,
-                &Setting { glow: Some((now, &glow)), ..plain },
-                mount,
-                paths,
-            )
-        };
-        if step + 1 == FIRST_STEPS && setting.config.backscatter != Switch::On {
-            // Held-out frames are asked last: each time it is a solve.
-            let is_sure = surely(&problem.answer(&solution)?, SURE / 2.0);
-            if !is_sure
-                || held_out::improvement(without.as_ref()?, &foretold(&now)?)
-                    <= LEAST_IMPROVEMENT / 2.0
-            {
+        let with_scatter = Setup { scatter: Some((&before, &scatter)), ..plain };
+        let mut problem = Problem::new(data.tracks, &with_scatter, data.lamps, &sample_path)?;
+        let solution = problem.solve(with_scatter.rounds)?;
+        fit = problem.fit(&solution);
+        let now = fit.backscatter;
+        fit.beam = completed_beam(data, setup, &fit, &table);
+        let predicted = || held_out_by(&Setup { scatter: Some((&now, &scatter)), ..plain });
+        if step + 1 == FIRST_STEPS && setup.config.backscatter != Switch::On {
+            // The held-out frames come last: they cost a solve.
+            let is_likely = exceeds(&problem.answer(&solution, None)?, MIN_DEVIATIONS / 2.0)
+                && held_out::improvement(without.as_ref()?, &predicted()?) > MIN_IMPROVEMENT / 2.0;
+            if !is_likely {
                 return None;
             }
         }
-        let has_settled = (0..setting.bands).all(|b| {
-            (now.strength_per_m[b] - before.strength_per_m[b]).abs()
-                <= SETTLED * now.strength_per_m[b]
+        let is_settled = (0..setup.bands).all(|b| {
+            let (now, before) = (now.strength_per_m[b], before.strength_per_m[b]);
+            (now - before).abs() <= SETTLED * now
         });
-        if has_settled || step + 1 == STEPS {
-            let answer = problem.answer(&solution)?;
-            settled = Some((answer, foretold(&now)?, table));
-            break;
+        if is_settled || step + 1 == STEPS {
+            let answer = problem.answer(&solution, None)?;
+            let improvement = held_out::improvement(without.as_ref()?, &predicted()?);
+            return accepted(data, setup, &answer, improvement, table);
         }
     }
-    let (answer, with, table) = settled?;
+    None
+}
+
+/// The beam pattern as the model will have it, so that the same directions count as seen in both
+/// passes.
+fn completed_beam(
+    data: &Dataset<'_>,
+    setup: &Setup<'_>,
+    fit: &Fit,
+    table: &ScatterTable,
+) -> BeamPattern {
+    let frames = remove_from_frames(data, |sample| {
+        let (x, y, s) = data.ray(sample);
+        fit.backscatter.light(&table.at(x, y, s))
+    });
+    let data = Dataset { frames: &frames, ..*data };
+    let beam = fit.beam.by_node();
+    completed(&beam, &data, &fit.attenuation_per_m, setup.spreading, setup.config)
+}
+
+/// The fit, where the settings ask for it or the evidence is strong enough. Where backscatter is
+/// not to be modelled, its presence is still reported.
+fn accepted(
+    data: &Dataset<'_>,
+    setup: &Setup<'_>,
+    answer: &JointAnswer,
+    improvement: f64,
+    table: ScatterTable,
+) -> Option<BackscatterFit> {
     let (backscatter, std_per_m) = answer.backscatter?;
-    let is_sure = surely(&answer, SURE);
-    let improvement = held_out::improvement(without.as_ref()?, &with);
     let attenuation_per_m = answer.attenuation_per_m;
-    let mut found = BackscatterFit {
-        backscatter,
-        std_per_m,
-        improvement,
-        share: [0.0; 3],
-        attenuation_per_m,
-        table,
-    };
-    for b in 0..setting.bands {
+    let share = [0.0; 3];
+    let mut fit =
+        BackscatterFit { backscatter, std_per_m, improvement, share, attenuation_per_m, table };
+    for b in 0..setup.bands {
         let share = |o: &Observation| {
-            backscatter.light(&found.glow(samples, &o.sample))[b]
-                / f64::from(o.sample.log_color[b]).exp()
+            let scattered = backscatter.light(&fit.scatter(data, &o.sample))[b];
+            scattered / f64::from(o.sample.log_color[b]).exp()
         };
-        found.share[b] =
-            stats::median(&samples.tracks.iter().flatten().map(share).collect::<Vec<_>>());
+        let shares: Vec<f64> = data.tracks.iter().flatten().map(share).collect();
+        fit.share[b] = stats::median(&shares);
     }
-    let is_there = match setting.config.backscatter {
+    let is_there = match setup.config.backscatter {
         Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),
-        // Where it is not to be modelled, it is still told that it is there.
-        Switch::Auto | Switch::Off => is_sure && improvement > LEAST_IMPROVEMENT,
+        Switch::Auto | Switch::Off => {
+            exceeds(answer, MIN_DEVIATIONS) && improvement > MIN_IMPROVEMENT
+        }
     };
-    is_there.then_some(found)
+    is_there.then_some(fit)
 }

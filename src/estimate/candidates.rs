@@ -1,25 +1,27 @@
 //! The estimators' answers, each ready to be the model, and whether the chosen one can be trusted.
 
-use super::Samples;
+use super::Dataset;
 use super::altitude_slope;
 use super::angular_bins;
-use super::joint;
 use super::pairs;
-use super::samples::{FrameSamples, Sample};
-use super::tracks::{Observation, Track};
+use super::samples::FrameSamples;
+
 use crate::config::{EstimateConfig, Spreading};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
     AttenuationOverTime, BeamGrid, BeamPattern, EstimatorAnswer, ImageAnswer, ImagingModel,
-    ScatterIntegral, SpreadingModel, TimeNode, log_geometry,
+    Removal, ScatterIntegral, SpreadingModel, TimeNode,
+};
+use crate::solver::{
+    JointAnswer, Observation, Sample, ScatterOf, Setup, Track, sample_path, solve,
 };
 use crate::stats;
 use crate::units::Stamp;
 
 /// Samples and grid → an answer, or a sentence why there is none.
 pub type EstimatorOf =
-    fn(&Samples<'_>, BeamGrid, &EstimateConfig) -> std::result::Result<Candidate, String>;
+    fn(&Dataset<'_>, BeamGrid, &EstimateConfig) -> std::result::Result<Candidate, String>;
 
 /// One estimator's answer, ready to be the model.
 pub struct Candidate {
@@ -84,57 +86,55 @@ const SCATTERING_FORM_ERROR: f64 = 0.1;
 
 /// What α and its differences between bands may be wrong by in a whole log alike [1/m].
 fn common_errors(
-    samples: &Samples<'_>,
-    without_glow: Option<Bands>,
+    data: &Dataset<'_>,
+    without_backscatter: Option<Bands>,
     alpha: &Bands,
 ) -> (Bands, [f64; 2]) {
     let by_codes: Bands =
-        std::array::from_fn(
-            |b| if b < samples.bands() { code_error_per_m(samples, b) } else { 0.0 },
-        );
-    let by_glow: Bands = std::array::from_fn(|b| {
-        without_glow.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b]))
+        std::array::from_fn(|b| if b < data.bands() { code_error_per_m(data, b) } else { 0.0 });
+    let by_backscatter: Bands = std::array::from_fn(|b| {
+        without_backscatter.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b]))
     });
-    let by_geometry = geometry_error_per_m(samples);
-    let of_band = |b: usize| by_geometry.hypot(by_codes[b]).hypot(by_glow[b]);
+    let by_geometry = geometry_error_per_m(data);
+    let of_band = |b: usize| by_geometry.hypot(by_codes[b]).hypot(by_backscatter[b]);
     // It is nearly the same for all bands.
     let between = |b: usize| {
         (by_geometry / 2.0)
             .hypot(by_codes[b])
             .hypot(by_codes[b + 1])
-            .hypot(by_glow[b] - by_glow[b + 1])
+            .hypot(by_backscatter[b] - by_backscatter[b + 1])
     };
     (std::array::from_fn(of_band), std::array::from_fn(between))
 }
 
 /// Errors of so many independent moments, over so wide a spread of path lengths, as an error of α
 /// [1/m].
-fn geometry_error_per_m(samples: &Samples<'_>) -> f64 {
-    let altitudes = || samples.frames.iter().map(|f| f.camera_altitude_m);
-    let n = samples.frames.len().max(1) as f64;
+fn geometry_error_per_m(data: &Dataset<'_>) -> f64 {
+    let altitudes = || data.frames.iter().map(|f| f.camera_altitude_m);
+    let n = data.frames.len().max(1) as f64;
     let mean = altitudes().sum::<f64>() / n;
     // Down and up again.
     let path_std_m = 2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt();
     let follows_relief =
         |f: &FrameSamples| f.grid.iter().any(|(_, sample)| sample.normal != f.normal);
     let log_error =
-        if samples.frames.iter().any(follows_relief) { RELIEF_LOG_ERROR } else { COMMON_LOG_ERROR };
-    log_error / (path_std_m * (samples.moments() as f64).sqrt()).max(1e-9)
+        if data.frames.iter().any(follows_relief) { RELIEF_LOG_ERROR } else { COMMON_LOG_ERROR };
+    log_error / (path_std_m * (data.moments() as f64).sqrt()).max(1e-9)
 }
 
 /// Slope over path length of what a part of a code is in log light: α takes it up [1/m].
-fn code_error_per_m(samples: &Samples<'_>, band: usize) -> f64 {
+fn code_error_per_m(data: &Dataset<'_>, band: usize) -> f64 {
     // The sRGB curve, which is near any gamma: light ∝ code^2.4.
     let log_light = |o: &Observation| {
         COMMON_CODE_ERROR * 2.4 / (255.0 * 1.055)
             * (-f64::from(o.sample.log_color[band]) / 2.4).exp()
     };
-    let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
+    let tracks = data.backscatter.map_or(data.tracks, |(_, raw)| raw);
     let coded = tracks
         .iter()
         .flatten()
-        .filter(|o| samples.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit));
-    let points = coded.filter_map(|o| Some((samples.path(o)?.length_m(), log_light(o))));
+        .filter(|o| data.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit));
+    let points = coded.filter_map(|o| Some((data.path(o)?.length_m(), log_light(o))));
     let (n, sum_l, sum_e, sum_ll, sum_le) = points
         .fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y)| {
             (n + 1.0, l + x, e + y, ll + x * x, le + x * y)
@@ -144,45 +144,42 @@ fn code_error_per_m(samples: &Samples<'_>, band: usize) -> f64 {
 }
 
 pub fn by_joint_solve(
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     nodes: BeamGrid,
     config: &EstimateConfig,
 ) -> std::result::Result<Candidate, String> {
-    if samples.tracks.len() < config.least_pairs {
+    if data.tracks.len() < config.least_pairs {
         return Err(format!(
             "{} points seen more than once; {} are needed",
-            samples.tracks.len(),
+            data.tracks.len(),
             config.least_pairs
         ));
     }
     let spreading = SpreadingModel::of(config.spreading);
-    let bands = samples.bands();
+    let bands = data.bands();
     let fit = config.spreading == Spreading::Fit;
-    let glow_of = |o: &Observation| {
-        samples.glow.map_or(ScatterIntegral::default(), |(g, _)| g.glow(samples, &o.sample))
+    let scatter_of = |o: &Observation| {
+        data.backscatter.map_or(ScatterIntegral::default(), |(fit, _)| fit.scatter(data, &o.sample))
     };
-    let tracks = samples.glow.map_or(samples.tracks, |(_, raw)| raw);
-    let setting = joint::Setting {
-        glow: samples.glow.map(|(g, _)| (&g.backscatter, &glow_of as &joint::ScatterOf<'_>)),
-        drift: samples.drift.map(|d| &d.places),
+    let tracks = data.backscatter.map_or(data.tracks, |(_, raw)| raw);
+    let setup = Setup {
+        scatter: data.backscatter.map(|(fit, _)| (&fit.backscatter, &scatter_of as &ScatterOf<'_>)),
+        segments: data.drift.map(|d| &d.grid),
         fit_exponent: fit,
-        free_strobe: samples.strobe_is_free,
-        ..samples.setting(nodes, config)
+        free_strobe: data.strobe_is_free,
+        ..data.setup(nodes, config)
     };
-    let answer =
-        joint::solve(tracks, &setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
-            .ok_or("the points seen more than once do not hold the unknowns")?;
-    let mut answer = answer;
-    let plain = joint::Setting { glow: None, rounds: FEW_ROUNDS, ..setting };
-    let without_glow = setting.glow.and_then(|_| {
-        joint::solve(tracks, &plain, samples.lamps, &|o, mount| samples.path_from(o, mount))
-    });
+    let mut answer = solve(tracks, &setup, data.lamps, &sample_path)
+        .ok_or("the points seen more than once do not hold the unknowns")?;
+    let plain = Setup { scatter: None, rounds: FEW_ROUNDS, ..setup };
+    let without_backscatter =
+        setup.scatter.and_then(|_| solve(tracks, &plain, data.lamps, &sample_path));
     let (common, between) = common_errors(
-        samples,
-        without_glow.map(|a| a.attenuation_per_m),
+        data,
+        without_backscatter.map(|a| a.attenuation_per_m),
         &answer.attenuation_per_m,
     );
-    let less_sure = less_sure_by(samples, tracks, &setting, &answer.std_per_m);
+    let less_sure = less_sure_by(data, tracks, &setup, &answer.std_per_m);
     let alone = answer.std_per_m;
     for b in 0..bands {
         let common = less_sure[b] * common[b];
@@ -199,9 +196,8 @@ pub fn by_joint_solve(
         strobe_leg: answer.exponent.map_or(spreading.strobe_leg, |e| e.0),
         ..spreading
     };
-    let beam_pattern =
-        completed(&answer.beam, samples, &answer.attenuation_per_m, spreading, config);
-    let over_time = samples.drift.map(|d| {
+    let beam_pattern = completed(&answer.beam, data, &answer.attenuation_per_m, spreading, config);
+    let over_time = data.drift.map(|d| {
         let node = |(stamp, (alpha, std)): (&Stamp, &(Bands, Bands))| TimeNode {
             stamp_ns: stamp.0,
             attenuation_per_m: alpha[..bands].to_vec(),
@@ -213,7 +209,7 @@ pub fn by_joint_solve(
     let model = ImagingModel {
         over_time: over_time.unwrap_or_default(),
         backscatter,
-        ..samples.model(answer.attenuation_per_m, spreading, beam_pattern, config)
+        ..data.model(answer.attenuation_per_m, spreading, beam_pattern, config)
     };
     let apart = |t: &Track| {
         t.iter().map(|o| o.frame).max().unwrap_or(0) - t.iter().map(|o| o.frame).min().unwrap_or(0)
@@ -232,7 +228,7 @@ pub fn by_joint_solve(
         details
             .extend([("spreading_exponent", exponent), ("spreading_exponent_std", std * widened)]);
     }
-    let low = low_answer(samples, tracks, &setting);
+    let low = low_answer(data, tracks, &setup);
     if let Some(low) = &low {
         let names = ["low_frames_red_per_m", "low_frames_green_per_m", "low_frames_blue_per_m"];
         details.extend(names.iter().zip(low.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
@@ -254,19 +250,14 @@ const ALIKE_OVER_SINGLY: f64 = 2.0;
 /// With the exponent or the strobe's place free, α is less sure by this factor: of what frames get
 /// wrong singly, as the solve itself says, and more so of what all get wrong alike.
 fn less_sure_by(
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     tracks: &[Track],
-    setting: &joint::Setting<'_>,
+    setup: &Setup<'_>,
     std_per_m: &Bands,
 ) -> Bands {
-    let held =
-        joint::Setting { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setting };
-    let is_free = setting.fit_exponent || setting.free_strobe;
-    let with_held = if is_free {
-        joint::solve(tracks, &held, samples.lamps, &|o, mount| samples.path_from(o, mount))
-    } else {
-        None
-    };
+    let held = Setup { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setup };
+    let is_free = setup.fit_exponent || setup.free_strobe;
+    let with_held = if is_free { solve(tracks, &held, data.lamps, &sample_path) } else { None };
     std::array::from_fn(|b| {
         with_held
             .as_ref()
@@ -276,12 +267,8 @@ fn less_sure_by(
 
 /// The same solve on the lower half of the frames alone: what scatters back grows with height, and
 /// so the two part.
-fn low_answer(
-    samples: &Samples<'_>,
-    tracks: &[Track],
-    setting: &joint::Setting<'_>,
-) -> Option<joint::JointAnswer> {
-    let altitudes: Vec<f64> = samples.frames.iter().map(|f| f.camera_altitude_m).collect();
+fn low_answer(data: &Dataset<'_>, tracks: &[Track], setup: &Setup<'_>) -> Option<JointAnswer> {
+    let altitudes: Vec<f64> = data.frames.iter().map(|f| f.camera_altitude_m).collect();
     let middle = stats::median(&altitudes);
     let low: Vec<Track> = tracks
         .iter()
@@ -289,40 +276,31 @@ fn low_answer(
             t.iter()
                 .copied()
                 .filter(|o| {
-                    samples
-                        .frames
-                        .get(o.frame as usize)
-                        .is_some_and(|f| f.camera_altitude_m <= middle)
+                    data.frames.get(o.frame as usize).is_some_and(|f| f.camera_altitude_m <= middle)
                 })
                 .collect()
         })
         .filter(|t: &Track| t.len() >= 2)
         .collect();
-    joint::solve(&low, setting, samples.lamps, &|o, mount| samples.path_from(o, mount))
+    solve(&low, setup, data.lamps, &sample_path)
 }
 
 /// The solve's beam pattern, with directions that no track saw from Eq. 17, set level where both
 /// are known.
 pub fn completed(
     beam: &[Option<f64>],
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     alpha: &Bands,
     spreading: SpreadingModel,
     config: &EstimateConfig,
 ) -> BeamPattern {
     let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    if samples.lamps.lamps().len() > 1 {
+    if data.lamps.lamps().len() > 1 {
         return BeamPattern::from_nodes(nodes, beam);
     }
-    let bins = angular_bins::beam_pattern(
-        samples.frames,
-        nodes,
-        alpha,
-        spreading,
-        config.incidence,
-        &|_, s| s.path(samples.lamps),
-    )
-    .by_node();
+    let model = data.model(*alpha, spreading, BeamPattern::uniform(nodes), config);
+    let bins =
+        angular_bins::beam_pattern(data.frames, &model, nodes, &|s| s.path(data.lamps)).by_node();
     let steps: Vec<f64> = beam.iter().zip(&bins).filter_map(|(a, b)| Some((*a)? - (*b)?)).collect();
     let level = stats::median(&steps);
     let values: Vec<Option<f64>> = beam
@@ -334,8 +312,8 @@ pub fn completed(
 }
 
 /// Eq. 16 and 17 know one strobe.
-fn one_lamp(samples: &Samples<'_>) -> std::result::Result<(), String> {
-    if samples.lamps.lamps().len() == 1 {
+fn one_lamp(data: &Dataset<'_>) -> std::result::Result<(), String> {
+    if data.lamps.lamps().len() == 1 {
         Ok(())
     } else {
         Err("several lamps shine; the joint solve alone tells them apart".into())
@@ -343,39 +321,36 @@ fn one_lamp(samples: &Samples<'_>) -> std::result::Result<(), String> {
 }
 
 pub fn by_pairs(
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     nodes: BeamGrid,
     config: &EstimateConfig,
 ) -> std::result::Result<Candidate, String> {
-    one_lamp(samples)?;
-    if samples.tracks.len() < config.least_pairs {
+    one_lamp(data)?;
+    if data.tracks.len() < config.least_pairs {
         return Err(format!(
             "{} points seen more than once; {} are needed",
-            samples.tracks.len(),
+            data.tracks.len(),
             config.least_pairs
         ));
     }
-    let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
+    let (spreading, bands) = (SpreadingModel::of(config.spreading), data.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes); // "assume BP ≈ 1", §IV-B
-    let path = |o: &Observation| samples.path(o);
+    let path = |o: &Observation| data.path(o);
+    let model_of =
+        |alpha: Bands, beam: &BeamPattern| data.model(alpha, spreading, beam.clone(), config);
     let pairs = |beam: &BeamPattern| {
-        let known =
-            |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
-        pairs::attenuation(samples.tracks, bands, config.attenuation_floor_per_m, &path, &known)
+        let model = model_of([0.0; 3], beam);
+        let known = |p: &LightPath| model.log_radiance(p, Removal::FULL.without_attenuation())[0];
+        pairs::attenuation(data.tracks, bands, config.attenuation_floor_per_m, &path, &known)
             .ok_or_else(|| String::from("path lengths do not differ within the pairs"))
     };
     let first = pairs(&beam_pattern)?;
     let mut answer = first.clone();
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern = angular_bins::beam_pattern(
-            samples.frames,
-            nodes,
-            &before,
-            spreading,
-            config.incidence,
-            &|_, s| s.path(samples.lamps),
-        ); // Eq. 17
+        let model = model_of(before, &beam_pattern);
+        beam_pattern =
+            angular_bins::beam_pattern(data.frames, &model, nodes, &|s| s.path(data.lamps)); // Eq. 17
         answer = pairs(&beam_pattern)?; // "we also recompute", §IV-C
         if settled(&before, &answer.attenuation_per_m) {
             break;
@@ -389,10 +364,10 @@ pub fn by_pairs(
         "before_beam_pattern_blue_per_m",
     ];
     details.extend(names.iter().zip(first.attenuation_per_m).take(bands).map(|(n, v)| (*n, v)));
-    let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
+    let model = data.model(answer.attenuation_per_m, spreading, beam_pattern, config);
     let mut candidate =
         Candidate::new(model, answer.std_per_m, answer.pairs, answer.residual, &details);
-    candidate.answer.by_image = by_image(samples, &first, &answer);
+    candidate.answer.by_image = by_image(data, &first, &answer);
     Ok(candidate)
 }
 
@@ -402,16 +377,16 @@ const MOST_IMAGES: usize = 300;
 /// What the images say before and after the beam pattern is known, spread evenly where there are
 /// many.
 fn by_image(
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     first: &pairs::PairsAnswer,
     last: &pairs::PairsAnswer,
 ) -> Vec<ImageAnswer> {
-    let bands = samples.bands();
+    let bands = data.bands();
     let rounded = |alpha: &Bands| alpha[..bands].iter().map(|a| (a * 1e6).round() / 1e6).collect();
     let both = last.by_image.iter().filter_map(|image| {
         let before = first.by_image.iter().find(|i| i.frame == image.frame)?;
         Some(ImageAnswer {
-            stamp_ns: samples.frames.get(image.frame as usize)?.stamp.0,
+            stamp_ns: data.frames.get(image.frame as usize)?.stamp.0,
             before_beam_pattern_per_m: rounded(&before.attenuation_per_m),
             attenuation_per_m: rounded(&image.attenuation_per_m),
             weight_m2: (image.weight * 1e6).round() / 1e6,
@@ -423,40 +398,37 @@ fn by_image(
 }
 
 pub fn by_altitude(
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     nodes: BeamGrid,
     config: &EstimateConfig,
 ) -> std::result::Result<Candidate, String> {
-    one_lamp(samples)?;
-    let spread = samples.altitude_spread();
-    if samples.frames.len() < 5 || !samples.altitude_varies(config) {
+    one_lamp(data)?;
+    let spread = data.altitude_spread();
+    if data.frames.len() < 5 || !data.altitude_varies(config) {
         return Err(format!(
             "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is \
              needed",
-            samples.frames.len(),
+            data.frames.len(),
             config.least_altitude_spread
         ));
     }
-    let (spreading, bands) = (SpreadingModel::of(config.spreading), samples.bands());
+    let (spreading, bands) = (SpreadingModel::of(config.spreading), data.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes);
-    let path = |_: &FrameSamples, s: &Sample| s.path(samples.lamps);
+    let path = |_: &FrameSamples, s: &Sample| s.path(data.lamps);
+    let model_of =
+        |alpha: Bands, beam: &BeamPattern| data.model(alpha, spreading, beam.clone(), config);
     let slope = |beam: &BeamPattern| {
-        let known =
-            |p: &LightPath| log_geometry(spreading, config.incidence, p) + beam.log_gain(p.angles);
-        altitude_slope::attenuation(samples.frames, bands, &path, &known)
+        let model = model_of([0.0; 3], beam);
+        let known = |p: &LightPath| model.log_radiance(p, Removal::FULL.without_attenuation())[0];
+        altitude_slope::attenuation(data.frames, bands, &path, &known)
             .ok_or_else(|| String::from("too few frames share a part of the picture that is lit"))
     };
     let mut answer = slope(&beam_pattern)?;
     for _ in 0..config.sweeps {
         let before = answer.attenuation_per_m;
-        beam_pattern = angular_bins::beam_pattern(
-            samples.frames,
-            nodes,
-            &before,
-            spreading,
-            config.incidence,
-            &path,
-        );
+        let model = model_of(before, &beam_pattern);
+        beam_pattern =
+            angular_bins::beam_pattern(data.frames, &model, nodes, &|s| s.path(data.lamps));
         answer = slope(&beam_pattern)?;
         if settled(&before, &answer.attenuation_per_m) {
             break;
@@ -468,7 +440,7 @@ pub fn by_altitude(
     details.extend(
         names.iter().zip(answer.effective_by_channel_means_per_m).take(bands).map(|(n, v)| (*n, v)),
     );
-    let model = samples.model(answer.attenuation_per_m, spreading, beam_pattern, config);
+    let model = data.model(answer.attenuation_per_m, spreading, beam_pattern, config);
     Ok(Candidate::new(model, answer.std_per_m, answer.observations, answer.residual, &details))
 }
 
@@ -489,15 +461,15 @@ const UNMODELLED_SHARE: f64 = 0.1;
 /// Why the number cannot be trusted, if it cannot.
 pub fn not_identified(
     candidate: &Candidate,
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     config: &EstimateConfig,
 ) -> Option<String> {
     let model = &candidate.model;
-    let spread = samples.altitude_spread();
+    let spread = data.altitude_spread();
     let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
     let least =
         model.attenuation_per_m[..model.bands].iter().copied().fold(f64::INFINITY, f64::min);
-    if !samples.altitude_varies(config) {
+    if !data.altitude_varies(config) {
         return Some(format!(
             "altitude hardly varies (the highest is {spread:.2} times the lowest)"
         ));
@@ -508,7 +480,7 @@ pub fn not_identified(
             candidate.path_spread_m.unwrap_or_default()
         ));
     }
-    let frames = samples.frames.len();
+    let frames = data.frames.len();
     if frames < LEAST_FRAMES {
         return Some(format!(
             "{frames} frames with a seafloor are too few to tell the water from what else \
@@ -520,7 +492,9 @@ pub fn not_identified(
             (with[*b] - model.attenuation_per_m[*b]).abs() > UNMODELLED_SHARE * with[*b].abs()
         })
     };
-    if let Some((with, b)) = samples.unmodelled_glow.and_then(|with| Some((with, parted(&with)?))) {
+    if let Some((with, b)) =
+        data.unmodelled_backscatter.and_then(|with| Some((with, parted(&with)?)))
+    {
         return Some(format!(
             "the water scatters light back, which is not modelled: with it {:.3} per metre would \
              be {:.3}; leave --backscatter off away",

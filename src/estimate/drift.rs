@@ -4,10 +4,10 @@
 //! Each stretch of a dozen frames or more may have its own α; nodes run on smoothly, but
 //! not where the log stops for a while.
 
-use super::joint::{Drift, Setting};
-use super::tracks::Observation;
-use super::{Samples, held_out};
+use super::{Dataset, held_out};
 use crate::config::Switch;
+use crate::solver::terms::attenuation::TimeGrid;
+use crate::solver::{Setup, sample_path};
 use crate::stats;
 use crate::units::Stamp;
 
@@ -32,33 +32,33 @@ pub struct DriftFit {
     /// where they stand
     pub stamps: Vec<Stamp>,
     /// where each frame stands among them
-    pub places: Drift,
+    pub grid: TimeGrid,
 }
 
 /// Nodes where the log supports them.
-pub fn find(samples: &Samples<'_>, setting: &Setting<'_>) -> Option<DriftFit> {
-    let found = nodes(samples)?;
-    if setting.config.drift == Switch::Auto && !altitude_recurs(samples) {
+pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
+    let found = nodes(data)?;
+    if setup.config.drift == Switch::Auto && !altitude_recurs(data) {
         return None;
     }
-    let (mount, paths) = (samples.lamps, &|o: &Observation, mount| samples.path_from(o, mount));
-    let steady = Setting { free_strobe: false, drift: None, ..*setting };
-    let without = held_out::misfits(samples.tracks, &steady, mount, paths)?;
+    let (lamps, paths) = (data.lamps, &sample_path);
+    let steady = Setup { free_strobe: false, segments: None, ..*setup };
+    let without = held_out::misfits(data.tracks, &steady, lamps, paths)?;
     let with = held_out::misfits(
-        samples.tracks,
-        &Setting { drift: Some(&found.places), ..steady },
-        mount,
+        data.tracks,
+        &Setup { segments: Some(&found.grid), ..steady },
+        lamps,
         paths,
     )?;
     let improvement = held_out::improvement(&without, &with);
-    (setting.config.drift == Switch::On || improvement > LEAST_IMPROVEMENT).then_some(found)
+    (setup.config.drift == Switch::On || improvement > LEAST_IMPROVEMENT).then_some(found)
 }
 
 /// Whether the dive comes back to its heights: one long climb cannot tell changing water from what
 /// grows with height.
-fn altitude_recurs(samples: &Samples<'_>) -> bool {
+fn altitude_recurs(data: &Dataset<'_>) -> bool {
     let mut by_time: Vec<(i64, f64)> =
-        samples.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
+        data.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
     by_time.sort_by_key(|(t, _)| *t);
     let heights: Vec<f64> = by_time.iter().map(|(_, h)| *h).collect();
     travels(&heights) > LEAST_TRAVELS
@@ -79,8 +79,8 @@ fn travels(heights: &[f64]) -> f64 {
     travelled / (span - 2.0 * play)
 }
 
-fn nodes(samples: &Samples<'_>) -> Option<DriftFit> {
-    let times: Vec<i64> = samples.frames.iter().map(|f| f.stamp.0).collect();
+fn nodes(data: &Dataset<'_>) -> Option<DriftFit> {
+    let times: Vec<i64> = data.frames.iter().map(|f| f.stamp.0).collect();
     let (first, last) = (*times.iter().min()?, *times.iter().max()?);
     let intervals = (times.len() / FRAMES_PER_NODE).min(MOST_NODES - 1);
     if intervals == 0 || last <= first {
@@ -102,12 +102,12 @@ fn nodes(samples: &Samples<'_>) -> Option<DriftFit> {
         let length = (stamps[node + 1] - stamps[node]).max(1) as f64;
         (node, ((time - stamps[node]) as f64 / length).clamp(0.0, 1.0))
     };
-    let places = Drift {
-        places: times.iter().map(place).collect(),
+    let grid = TimeGrid {
+        frames: times.iter().map(place).collect(),
         nodes: intervals + 1,
-        joined: joined.collect(),
+        is_joined: joined.collect(),
     };
-    Some(DriftFit { stamps: stamps.into_iter().map(Stamp).collect(), places })
+    Some(DriftFit { stamps: stamps.into_iter().map(Stamp).collect(), grid })
 }
 
 #[cfg(test)]

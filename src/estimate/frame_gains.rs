@@ -1,65 +1,59 @@
 //! Frames that got another amount of light: a strobe at half power, a changed exposure that no
-//! channel tells of.
+//! channel reports.
 //!
 //! A free gain per frame would take the level of α with it, as gain and altitude are nearly
-//! degenerate. So gains are sought only to find the frames that stand out from their neighbours;
-//! those are set right, all others keep gain 1.
+//! degenerate. So gains are estimated only to find the frames that stand out from their neighbours;
+//! those are corrected, all others keep gain 1.
 //!
 //! ```text
-//! e_o = log c − log light = ρ_t + g_f        least squares over tracks t and frames f, ρ eliminated, g held to 0 weakly
+//! e_o = log c − log radiance = ρ_t + g_f        tracks t, frames f; ρ eliminated, g held to 0 weakly
 //! ```
 
 use nalgebra::{DMatrix, DVector};
 
-use super::Samples;
-use super::joint::Problem;
+use super::Dataset;
 use super::samples::FrameSamples;
-use super::tracks::Track;
 use crate::config::EstimateConfig;
-use crate::model::{BeamGrid, ImagingModel, SpreadingModel};
+use crate::model::{BeamGrid, ImagingModel, Removal};
+use crate::solver::terms::frame_gain::FrameGain;
+use crate::solver::terms::{Prior, Term, TermList};
+use crate::solver::{Equation, LinearSystem, Observation, Problem, Track, sample_path};
 use crate::stats;
 
-/// A frame stands out where its log gain differs from its neighbours' by this [log light], and by
+/// A frame stands out where its log gain differs from its neighbours' by this \[log light\], and by
 /// so many spreads.
 const STANDS_OUT: f64 = 0.15;
 const SPREADS: f64 = 6.0;
 /// Neighbours on either side that a frame is compared with.
 const NEIGHBOURS: usize = 4;
-/// Reweightings of the solve that gains are seen against.
+/// Reweightings of the solve whose residuals the gains explain.
 const ROUNDS: usize = 6;
+/// Reweightings of the gains, the spread they begin with, and the least it becomes \[log light\].
+const GAIN_ROUNDS: usize = 8;
+const FIRST_SPREAD: f64 = 0.5;
+const MIN_SPREAD: f64 = 0.02;
 /// Weight that holds a gain to 0, in observations.
-const HOLD: f64 = 1.0;
+const HOLD_WEIGHT: f64 = 1.0;
 
 /// Log gains of the frames that got another amount of light than their neighbours; 0 for all
-/// others.
-///
-/// Where frames do not overlap there is no telling, and all are 0.
-pub fn uneven_light(samples: &Samples<'_>, config: &EstimateConfig) -> Vec<f64> {
+/// others, and for all where frames do not overlap.
+pub fn uneven_light(data: &Dataset<'_>, config: &EstimateConfig) -> Vec<f64> {
     let model = || {
-        let spreading = SpreadingModel::of(config.spreading);
-        let setting =
-            samples.setting(BeamGrid::new(config.beam_nodes, config.beam_limit_deg), config);
-        let mut problem = Problem::new(samples.tracks, &setting, samples.lamps, &|o, mount| {
-            samples.path_from(o, mount)
-        })?;
+        let setup = data.setup(BeamGrid::new(config.beam_nodes, config.beam_limit_deg), config);
+        let mut problem = Problem::new(data.tracks, &setup, data.lamps, &sample_path)?;
         let solution = problem.solve(ROUNDS)?;
-        let said = problem.said(&solution);
-        Some(samples.model(said.attenuation_per_m, spreading, said.beam, config))
+        Some(problem.imaging_model(&solution))
     };
-    let enough = samples.tracks.len() >= config.least_pairs;
-    enough
-        .then(model)
-        .flatten()
-        .map_or_else(|| vec![0.0; samples.frames.len()], |model| frame_gains(samples, &model))
+    let model = (data.tracks.len() >= config.least_pairs).then(model).flatten();
+    model.map_or_else(|| vec![0.0; data.frames.len()], |model| frame_gains(data, &model))
 }
 
-/// Takes gains out of the samples, so that all frames are lit alike.
-pub fn set_right(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[f64]) {
+/// Divides the samples by the frames' gains, so that all frames have the same light.
+pub fn remove_gains(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[f64]) {
     for (frame, gain) in frames.iter_mut().zip(log_gains).filter(|(_, g)| **g != 0.0) {
-        frame
-            .grid
-            .iter_mut()
-            .for_each(|(_, sample)| sample.log_color.iter_mut().for_each(|v| *v -= *gain as f32));
+        for (_, sample) in &mut frame.grid {
+            sample.log_color.iter_mut().for_each(|v| *v -= *gain as f32);
+        }
         frame.mean_light.iter_mut().for_each(|v| *v /= gain.exp());
     }
     for o in tracks.iter_mut().flatten() {
@@ -69,60 +63,83 @@ pub fn set_right(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &
 }
 
 /// Log gain of each frame: 0 but for those that stand out.
-fn frame_gains(samples: &Samples<'_>, model: &ImagingModel) -> Vec<f64> {
-    let frames = samples.frames.len();
-    // (frame, mean misfit over the bands) per view of each track
-    let tracks: Vec<Vec<(usize, f64)>> = samples
-        .tracks
-        .iter()
-        .map(|track| {
-            let view = |o: &super::Observation| {
-                let path = samples.path(o)?;
-                let misfit = (0..model.bands)
-                    .map(|b| f64::from(o.sample.log_color[b]) - model.log_light(&path, b))
-                    .sum::<f64>();
-                Some((o.frame as usize, misfit / model.bands as f64))
-            };
-            track.iter().filter_map(view).collect()
-        })
-        .collect();
+fn frame_gains(data: &Dataset<'_>, model: &ImagingModel) -> Vec<f64> {
+    let frames = data.frames.len();
+    let (equations, ends) = residual_equations(data, model);
+    let term = FrameGain { frames, hold_weight: HOLD_WEIGHT };
+    let list = TermList::of(&term);
+    let mut prior = DMatrix::zeros(frames, frames);
+    term.prior(&mut Prior { matrix: &mut prior, first: 0 });
     let mut gains = DVector::<f64>::zeros(frames);
-    let mut scale = 0.5;
-    for _ in 0..8 {
-        let mut normal = DMatrix::<f64>::from_diagonal_element(frames, frames, HOLD);
-        let mut right = DVector::<f64>::zeros(frames);
-        let mut misfits = Vec::new();
-        for track in tracks.iter().filter(|t| t.len() >= 2) {
+    let mut spread = FIRST_SPREAD;
+    for _ in 0..GAIN_ROUNDS {
+        let (mut weights, mut residuals) = (Vec::new(), Vec::new());
+        let mut start = 0;
+        for end in &ends {
+            let beyond_gain = |e: &Equation| e.y[0] - gains[e.frame as usize];
+            let of_track: Vec<f64> = equations[start..*end].iter().map(beyond_gain).collect();
             // Against the track's median: one frame in twenty stands out, not the others.
-            let level =
-                stats::median(&track.iter().map(|(f, e)| e - gains[*f]).collect::<Vec<_>>());
-            let weights: Vec<f64> =
-                track.iter().map(|(f, e)| stats::cauchy(e - gains[*f] - level, scale)).collect();
-            misfits.extend(track.iter().map(|(f, e)| e - gains[*f] - level));
-            let total: f64 = weights.iter().sum();
-            let mean = track.iter().zip(&weights).map(|((_, e), w)| w * e).sum::<f64>() / total;
-            for ((f, e), w) in track.iter().zip(&weights) {
-                right[*f] += w * (e - mean);
-                normal[(*f, *f)] += w;
-                for ((g, _), v) in track.iter().zip(&weights) {
-                    normal[(*f, *g)] -= w * v / total;
-                }
-            }
+            let level = stats::median(&of_track);
+            weights.extend(of_track.iter().map(|e| [stats::cauchy(e - level, spread), 0.0, 0.0]));
+            residuals.extend(of_track.iter().map(|e| e - level));
+            start = *end;
         }
+        let system = LinearSystem {
+            equations: &equations,
+            ends: &ends,
+            weights: &weights,
+            bands: 1,
+            terms: &list,
+        };
+        let (normal, right) = system.normal_equations(&prior);
         let Some(factor) = normal.cholesky() else { return vec![0.0; frames] };
         gains = factor.solve(&right);
-        scale = stats::scale(&misfits).max(0.02);
+        spread = stats::scale(&residuals).max(MIN_SPREAD);
     }
-    let relative: Vec<f64> = (0..frames)
-        .map(|f| {
-            let around: Vec<f64> = (f.saturating_sub(NEIGHBOURS)..(f + NEIGHBOURS + 1).min(frames))
-                .filter(|g| *g != f)
-                .map(|g| gains[g])
-                .collect();
-            gains[f] - stats::median(&around)
-        })
-        .collect();
-    let spread = stats::scale(&relative);
-    let limit = STANDS_OUT.max(SPREADS * spread);
+    outliers(gains.as_slice())
+}
+
+/// Mean residual over the bands of every observation of a model, and the end of each track.
+fn residual_equations(data: &Dataset<'_>, model: &ImagingModel) -> (Vec<Equation>, Vec<usize>) {
+    let of_observation = |o: &Observation| {
+        let predicted = model.log_radiance(&data.path(o)?, Removal::FULL);
+        let residual = |b: usize| f64::from(o.sample.log_color[b]) - predicted[b];
+        let mean = (0..model.bands).map(residual).sum::<f64>() / model.bands as f64;
+        Some(Equation::of_residual(o.frame, mean))
+    };
+    let (mut equations, mut ends) = (Vec::new(), Vec::new());
+    for track in data.tracks {
+        let of_track: Vec<Equation> = track.iter().filter_map(of_observation).collect();
+        if of_track.len() >= 2 {
+            equations.extend(of_track);
+            ends.push(equations.len());
+        }
+    }
+    (equations, ends)
+}
+
+/// Log gains over the neighbours' where they stand out, else 0.
+fn outliers(gains: &[f64]) -> Vec<f64> {
+    let relative = |f: usize| {
+        let around = f.saturating_sub(NEIGHBOURS)..(f + NEIGHBOURS + 1).min(gains.len());
+        let around: Vec<f64> = around.filter(|g| *g != f).map(|g| gains[g]).collect();
+        gains[f] - stats::median(&around)
+    };
+    let relative: Vec<f64> = (0..gains.len()).map(relative).collect();
+    let limit = STANDS_OUT.max(SPREADS * stats::scale(&relative));
     relative.into_iter().map(|g| if g.abs() > limit { g } else { 0.0 }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_frames_that_stand_out_get_a_gain() {
+        let mut gains: Vec<f64> = (0..30).map(|i| 0.02 * f64::from(i % 3)).collect();
+        gains[11] = -0.7;
+        let found = outliers(&gains);
+        assert!((found[11] + 0.72).abs() < 0.03, "{}", found[11]);
+        assert_eq!(found.iter().filter(|g| **g != 0.0).count(), 1);
+    }
 }

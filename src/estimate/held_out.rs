@@ -4,8 +4,7 @@
 //! reflectance from the views the solve saw, and the held-out view is foretold. More unknowns
 //! always fit better what they were fitted to, not this.
 
-use super::joint::{PathFor, Problem, Setting};
-use super::tracks::Track;
+use crate::solver::{PathFor, Problem, Setup, Track};
 use crate::stats;
 use crate::vehicle::Lamps;
 
@@ -16,14 +15,14 @@ const ROUNDS: usize = 5;
 /// Misfits of held-out views [log light]; `None` where what is left does not hold the solve.
 pub fn misfits(
     tracks: &[Track],
-    setting: &Setting<'_>,
+    setup: &Setup<'_>,
     mount: Lamps,
     paths: &PathFor<'_>,
 ) -> Option<Vec<f64>> {
     let is_held = |frame: u32| frame % EVERY == EVERY - 1;
     let shown: Vec<Track> =
         tracks.iter().map(|t| t.iter().filter(|o| !is_held(o.frame)).copied().collect()).collect();
-    let mut problem = Problem::new(&shown, setting, mount, paths)?;
+    let mut problem = Problem::new(&shown, setup, mount, paths)?;
     let solution = problem.solve(ROUNDS)?;
     let mut misfits = Vec::new();
     for (track, shown) in tracks.iter().zip(&shown) {
@@ -33,7 +32,7 @@ pub fn misfits(
             continue;
         }
         for (value, direct_share) in track.iter().filter(|o| is_held(o.frame)).filter_map(by) {
-            for b in 0..setting.bands {
+            for b in 0..setup.bands {
                 let total: f64 = seen.iter().map(|(_, d)| d[b] * d[b]).sum();
                 let reflectance = seen.iter().map(|(v, d)| d[b] * d[b] * v[b]).sum::<f64>() / total;
                 misfits.push((value[b] - reflectance) * direct_share[b]);

@@ -14,8 +14,9 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix2, Vector2};
 
 use super::samples::FrameSamples;
-use super::tracks::Track;
+
 use crate::model::LightLaw;
+use crate::solver::Track;
 use crate::stats;
 
 /// Points that two frames must share for their light to be compared by them; else their means are.

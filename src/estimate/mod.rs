@@ -10,11 +10,9 @@ mod altitude_slope;
 mod angular_bins;
 mod backscatter;
 mod candidates;
-mod descent;
 mod drift;
 mod frame_gains;
 mod held_out;
-mod joint;
 mod keypoints;
 mod light_settings;
 mod matching;
@@ -28,13 +26,15 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
+pub use crate::solver::terms::geometry::PLANES_AROUND_S;
+pub use crate::solver::{Observation, Sample, Track};
 pub use backscatter::BackscatterFit;
 pub use light_settings::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use mount_search::MountFit;
-pub use samples::{FrameSamples, PLANES_AROUND_S, Sample, coarsest_m, samples};
+pub use samples::{FrameSamples, coarsest_m, samples};
 pub use strobe_search::{StrobeFit, StrobePlacement};
-pub use tracks::{Observation, Track, tracks};
+pub use tracks::tracks;
 
 use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
 use crate::coordinates::{Body, Optical, Transform};
@@ -45,6 +45,7 @@ use crate::model::{
     Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
 };
 use crate::parallel::{join, par_map};
+use crate::solver::{Independence, Setup};
 use crate::stats;
 use crate::vehicle::Lamps;
 use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
@@ -74,7 +75,7 @@ pub struct Estimate {
 
 /// Everything known of the log at a stage of the estimation.
 #[derive(Clone, Copy)]
-pub struct Samples<'s> {
+pub struct Dataset<'s> {
     /// samples of the frames
     pub frames: &'s [FrameSamples],
     /// points seen more than once
@@ -87,14 +88,14 @@ pub struct Samples<'s> {
     pub strobe_is_free: bool,
     /// what the water scatters back, which has been taken off the colours, and the tracks before it
     /// was
-    pub glow: Option<(&'s BackscatterFit, &'s [Track])>,
+    pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
     /// nodes of α in time
     pub drift: Option<&'s DriftFit>,
     /// α if what the water scatters back were modelled, where it is there and is not to be [1/m]
-    pub unmodelled_glow: Option<Bands>,
+    pub unmodelled_backscatter: Option<Bands>,
 }
 
-impl<'s> Samples<'s> {
+impl<'s> Dataset<'s> {
     fn plain(
         frames: &'s [FrameSamples],
         tracks: &'s [Track],
@@ -107,9 +108,9 @@ impl<'s> Samples<'s> {
             body_from_optical,
             lamps,
             strobe_is_free: false,
-            glow: None,
+            backscatter: None,
             drift: None,
-            unmodelled_glow: None,
+            unmodelled_backscatter: None,
         }
     }
 
@@ -129,19 +130,18 @@ impl<'s> Samples<'s> {
             .len()
     }
 
-    /// What the joint solve is told in any case.
-    fn setting<'c>(&self, nodes: BeamGrid, config: &'c EstimateConfig) -> joint::Setting<'c> {
+    /// The joint solve with attenuation and beam pattern as its only unknowns.
+    fn setup<'c>(&self, grid: BeamGrid, config: &'c EstimateConfig) -> Setup<'c> {
         let spreading = SpreadingModel::of(config.spreading);
-        joint::Setting {
-            frames: self.frames.len(),
-            moments: self.moments(),
+        Setup {
+            independence: Independence { frames: self.frames.len(), moments: self.moments() },
             bands: self.bands(),
-            nodes,
+            grid,
             spreading,
             fit_exponent: false,
             free_strobe: false,
-            glow: None,
-            drift: None,
+            scatter: None,
+            segments: None,
             rounds: config.rounds,
             config,
         }
@@ -161,7 +161,7 @@ impl<'s> Samples<'s> {
             spreading,
             incidence: config.incidence,
             beam_pattern,
-            backscatter: self.glow.map(|(g, _)| g.backscatter),
+            backscatter: self.backscatter.map(|(fit, _)| fit.backscatter),
         }
     }
 
@@ -236,13 +236,13 @@ pub fn understand(
                 .map_or(0.0, |(v, r)| v - r)
         };
         let log_gains: Vec<f64> = settings[setting.index].iter().map(log_gain).collect();
-        frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
+        frame_gains::remove_gains(&mut frames, &mut tracks, &log_gains);
     }
     // Seen from the wrong place a frame at the dive's edge looks as if it had got another light:
     // the strobe comes first.
     let placed = |frames: &[FrameSamples], tracks: &[Track]| {
         strobe_search::place_strobe(
-            &Samples::plain(frames, tracks, body_from_optical, given.0),
+            &Dataset::plain(frames, tracks, body_from_optical, given.0),
             given.1,
             None,
             config,
@@ -250,15 +250,15 @@ pub fn understand(
     };
     let mut strobe = placed(&frames, &tracks);
     let log_gains = frame_gains::uneven_light(
-        &Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps),
+        &Dataset::plain(&frames, &tracks, body_from_optical, strobe.lamps),
         config,
     );
     if log_gains.iter().any(|g| *g != 0.0) {
-        frame_gains::set_right(&mut frames, &mut tracks, &log_gains);
+        frame_gains::remove_gains(&mut frames, &mut tracks, &log_gains);
         strobe = placed(&frames, &tracks);
     }
 
-    let lit = Samples::plain(&frames, &tracks, body_from_optical, given.0);
+    let lit = Dataset::plain(&frames, &tracks, body_from_optical, given.0);
     let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let can_tell = lit.altitude_varies(config) && tracks.len() >= config.least_pairs;
     let moves = config.strobe_position != StrobePosition::Fixed
@@ -270,8 +270,8 @@ pub fn understand(
         if !can_tell {
             break;
         }
-        let placed = Samples { lamps: strobe.lamps, ..lit };
-        let Some(found) = backscatter::find(&placed, &lit.setting(nodes, config)) else {
+        let placed = Dataset { lamps: strobe.lamps, ..lit };
+        let Some(found) = backscatter::find(&placed, &lit.setup(nodes, config)) else {
             // What was found with the strobe elsewhere does not hold where it is now.
             (backscatter, freed) = (None, None);
             break;
@@ -280,11 +280,11 @@ pub fn understand(
             unmodelled = Some(found.attenuation_per_m);
             break;
         }
-        let off = found.taken_off(&placed);
+        let off = found.removed_from(&placed);
         let before = strobe.lamps.origin().vector();
         let begun = moves.then_some(strobe.lamps);
         let anew = strobe_search::place_strobe(
-            &Samples::plain(&off.0, &off.1, body_from_optical, given.0),
+            &Dataset::plain(&off.0, &off.1, body_from_optical, given.0),
             given.1,
             begun,
             config,
@@ -301,19 +301,19 @@ pub fn understand(
     }
     let raw_tracks = tracks;
     let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
-    let mut all = Samples::plain(&frames, &tracks, body_from_optical, strobe.lamps);
-    (all.strobe_is_free, all.glow) = (
+    let mut all = Dataset::plain(&frames, &tracks, body_from_optical, strobe.lamps);
+    (all.strobe_is_free, all.backscatter) = (
         strobe.source.is_some() || (!given.1 && can_tell),
         backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())),
     );
-    all.unmodelled_glow = unmodelled;
+    all.unmodelled_backscatter = unmodelled;
     let estimated = || {
         let drift = if config.drift == Switch::Off || !can_tell {
             None
         } else {
-            drift::find(&all, &all.setting(nodes, config))
+            drift::find(&all, &all.setup(nodes, config))
         };
-        estimate(&Samples { drift: drift.as_ref(), ..all }, config)
+        estimate(&Dataset { drift: drift.as_ref(), ..all }, config)
     };
     let (mounts, estimate) = join(|| check_mounts(&all, instrument, config), estimated);
     let estimate = estimate?;
@@ -334,13 +334,13 @@ pub fn as_modelled(
     log_gains: &[f64],
     body_from_optical: Transform<Body, Optical>,
     lamps: Lamps,
-    glow: Option<(&Backscatter, &ScatterTable)>,
+    scatter: Option<(&Backscatter, &ScatterTable)>,
 ) -> Vec<FrameSamples> {
-    frame_gains::set_right(&mut frames, &mut [], log_gains);
-    let Some((backscatter, table)) = glow else { return frames };
-    let samples = Samples::plain(&frames, &[], body_from_optical, lamps);
-    backscatter::off_frames(&samples, |sample| {
-        let (x, y, s) = samples.ray(sample);
+    frame_gains::remove_gains(&mut frames, &mut [], log_gains);
+    let Some((backscatter, table)) = scatter else { return frames };
+    let data = Dataset::plain(&frames, &[], body_from_optical, lamps);
+    backscatter::remove_from_frames(&data, |sample| {
+        let (x, y, s) = data.ray(sample);
         backscatter.light(&table.at(x, y, s))
     })
 }
@@ -349,14 +349,13 @@ pub fn as_modelled(
 ///
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen one, or all, cannot answer.
-fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> {
+fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
     let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
     let estimators: [(&str, EstimatorOf); 3] =
         [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
-    let said: Vec<_> =
-        par_map(estimators.to_vec(), |(name, run)| (name, run(samples, nodes, config)));
+    let said: Vec<_> = par_map(estimators.to_vec(), |(name, run)| (name, run(data, nodes, config)));
     for (name, said) in said {
         match said {
             Ok(mut candidate) => {
@@ -396,15 +395,14 @@ fn estimate(samples: &Samples<'_>, config: &EstimateConfig) -> Result<Estimate> 
     };
     // The others know of neither scattered light nor drop-outs, and where points abound the joint
     // solve fails for a reason.
-    let without_joint = || {
-        answers.get("joint")?.note.clone().filter(|_| samples.tracks.len() >= config.least_pairs)
-    };
+    let without_joint =
+        || answers.get("joint")?.note.clone().filter(|_| data.tracks.len() >= config.least_pairs);
     let stands_in = if config.estimator == Estimator::Auto && estimator != "joint" {
         without_joint()
     } else {
         None
     };
-    let not_identified_because = not_identified(&candidate, samples, config)
+    let not_identified_because = not_identified(&candidate, data, config)
         .or(stands_in.map(|why| format!("the joint solve failed ({why})")));
     Ok(Estimate {
         model: candidate.model,

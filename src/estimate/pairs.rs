@@ -11,8 +11,9 @@
 //! path length and strobe angle are correlated (Fig. 8, top).
 
 use super::SamplePath;
-use super::tracks::Track;
+
 use crate::image::Bands;
+use crate::solver::Track;
 use crate::stats;
 
 /// What one image says.

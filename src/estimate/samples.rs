@@ -16,10 +16,10 @@ use std::ops::Range;
 
 use crate::config::{EstimateConfig, MatchingConfig};
 use crate::coordinates::{Body, Direction, Point};
-use crate::geometry::{LightPath, SeafloorPoint, Support, View, light_path};
+use crate::geometry::{SeafloorPoint, Support, View};
 use crate::image::SensorImage;
+use crate::solver::Sample;
 use crate::units::Stamp;
-use crate::vehicle::Lamps;
 
 use super::keypoints::{Keypoint, keypoints};
 
@@ -30,19 +30,6 @@ const RUNGS: usize = 5;
 const SPARE_RUNGS: i32 = 1;
 /// Patches are cut at this many standard deviations.
 const PATCH_SIGMAS: f64 = 2.5;
-
-/// One place of seafloor in one frame, free of pixels.
-#[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    /// the place, in body space at the frame's time [m]
-    pub hit: Point<Body>,
-    /// ℓ_s [m]
-    pub seafloor_to_camera_m: f64,
-    /// the seafloor's normal there
-    pub normal: Direction<Body>,
-    /// log c_Λ
-    pub log_color: [f32; 3],
-}
 
 /// A keypoint's place and its colours on the ladder.
 #[derive(Clone, Debug)]
@@ -88,9 +75,6 @@ pub struct FrameSamples {
     pub planes_around: Option<[(Direction<Body>, f64); 2]>,
 }
 
-/// Seconds from a frame to the planes around it.
-pub const PLANES_AROUND_S: f64 = 0.3;
-
 impl FrameSamples {
     /// Its keypoints are tracks now, and no longer needed: most of what a frame takes.
     pub fn let_go_of_keypoints(&mut self) {
@@ -100,13 +84,6 @@ impl FrameSamples {
     /// The same frame with another grid, and without its keypoints.
     pub fn with_grid(&self, grid: Vec<(u32, Sample)>) -> Self {
         Self { keypoints: Vec::new(), places: Vec::new(), samples: Vec::new(), grid, ..*self }
-    }
-}
-
-impl Sample {
-    /// The way of light to it, for a strobe at a given mount.
-    pub fn path(&self, lamps: Lamps) -> Option<LightPath> {
-        light_path(self.hit, self.seafloor_to_camera_m, self.normal, lamps)
     }
 }
 
@@ -397,7 +374,7 @@ mod tests {
     use super::*;
     use crate::coordinates::Transform;
     use crate::geometry::SeafloorPlane;
-    use crate::vehicle::{Camera, Rig, StrobeMount};
+    use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
     /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the
     /// picture's rows.

@@ -9,18 +9,18 @@
 
 use nalgebra::Vector3;
 
-use super::Samples;
-use super::descent::{Lowest, SETTLED, descend};
-use super::joint::{PathFor, Problem, Setting, strobe_places};
-use super::tracks::Track;
+use super::Dataset;
+
 use crate::config::{EstimateConfig, StrobePosition};
 use crate::model::BeamGrid;
+use crate::solver::terms::geometry::strobe_position;
+use crate::solver::{Minimum, Problem, SETTLED, Setup, Track, minimize, sample_path, thinned};
 use crate::vehicle::Lamps;
 
 /// Places tried around the camera before the search begins [m].
 const FIRST_RING_M: f64 = 0.6;
 /// Observations that hold three numbers well enough; more only cost time.
-pub const MOST_OBSERVATIONS: usize = 16_000;
+const MAX_OBSERVATIONS: usize = 16_000;
 
 /// Where the light was found.
 #[derive(Clone, Debug)]
@@ -56,16 +56,16 @@ const CHECKED_M: f64 = CONTRADICTION_M / 10.0;
 /// A place less sure than this is not found [m].
 const UNSURE_M: f64 = 0.15;
 
-/// Finds, refines or checks the strobe's place. `is_known` says whether `samples.lamps` is a
+/// Finds, refines or checks the strobe's place. `is_known` says whether `data.lamps` is a
 /// measured pose; where it is not, it is the camera's. `begun` is where a search has found it
 /// already.
 pub fn place_strobe(
-    samples: &Samples<'_>,
+    data: &Dataset<'_>,
     is_known: bool,
     begun: Option<Lamps>,
     config: &EstimateConfig,
 ) -> StrobePlacement {
-    let start = samples.lamps;
+    let start = data.lamps;
     let kept = |warning: Option<String>, search| StrobePlacement {
         lamps: start,
         source: None,
@@ -81,25 +81,23 @@ pub fn place_strobe(
                      into a rig file";
     let unknown = || (!is_known).then(|| String::from(at_camera));
     // From one height the pattern takes up any place of the strobe.
-    let cannot_tell = samples.tracks.len() < config.least_pairs || !samples.altitude_varies(config);
+    let cannot_tell = data.tracks.len() < config.least_pairs || !data.altitude_varies(config);
     if choice == StrobePosition::Fixed || cannot_tell {
         return kept(unknown(), None);
     }
     // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place
     // by centimetres.
     let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let setting = Setting { rounds: 5, ..samples.setting(nodes, config) };
+    let setup = Setup { rounds: 5, ..data.setup(nodes, config) };
     let settled = if choice == StrobePosition::Auto { CHECKED_M } else { SETTLED };
     // Found is what was found without the given place.
     let from = if choice == StrobePosition::Find {
-        start.moved_to(samples.body_from_optical.origin().vector())
+        start.moved_to(data.body_from_optical.origin().vector())
     } else {
         start
     };
     let begin = begun.or((choice != StrobePosition::Find).then_some(start));
-    let found = search_strobe(samples.tracks, &setting, (from, begin), settled, &|o, mount| {
-        samples.path_from(o, mount)
-    });
+    let found = search_strobe(data.tracks, &setup, (from, begin), settled);
     let Some(found) = found else { return kept(unknown(), None) };
     let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
     let is_sure = std.is_finite() && std < UNSURE_M;
@@ -130,52 +128,47 @@ pub fn place_strobe(
     }
 }
 
-/// Searches from `from`, which is a mere guess unless there is a place to begin at: then places
-/// beside it are tried first. Steps shorter than `settled` end it [m]. `None` where the log does
-/// not hold the solve.
+/// Searches from `from`, which is a mere guess unless there is a position to begin at: then
+/// positions beside it are tried first. Steps shorter than `settled` end it \[m\]. `None` where
+/// the log does not hold the solve.
 fn search_strobe(
     tracks: &[Track],
-    setting: &Setting<'_>,
+    setup: &Setup<'_>,
     (from, begin): (Lamps, Option<Lamps>),
     settled: f64,
-    paths: &PathFor<'_>,
 ) -> Option<StrobeFit> {
-    let observations: usize = tracks.iter().map(Vec::len).sum();
-    let every = observations.div_ceil(MOST_OBSERVATIONS).max(1);
-    let some: Vec<Track> = tracks.iter().step_by(every).cloned().collect();
-    let at = |place: Vector3<f64>| from.moved_to(place);
-    let mut place = begin.unwrap_or(from).origin().vector();
-    let mut at_start = None;
+    let tracks = thinned(tracks, MAX_OBSERVATIONS);
+    let at = |position: Vector3<f64>| from.moved_to(position);
+    let solved = |position: Vector3<f64>| {
+        let mut problem = Problem::new(&tracks, setup, at(position), &sample_path)?;
+        let solution = problem.solve(setup.rounds)?;
+        Some((problem, solution))
+    };
+    let mut start = begin.unwrap_or(from).origin().vector();
+    let mut first_residual = None;
     if begin.is_none() {
-        let residual_at = |place: Vector3<f64>| -> Option<f64> {
-            Some(Problem::new(&some, setting, at(place), paths)?.solve(setting.rounds)?.residual)
-        };
-        let mut residual = residual_at(place)?;
-        at_start = Some(residual);
-        // Beside it, square to where it looks.
-        let (right, down) =
-            (from.isometry().rotation * Vector3::x(), from.isometry().rotation * Vector3::y());
+        let mut residual = solved(start)?.1.residual;
+        first_residual = Some(residual);
+        // Beside it, perpendicular to where it looks.
+        let rotation = from.isometry().rotation;
+        let (right, down) = (rotation * Vector3::x(), rotation * Vector3::y());
         for offset in [right, -right, down, -down] {
             let candidate = from.origin().vector() + offset * FIRST_RING_M;
-            if let Some(r) = residual_at(candidate).filter(|r| *r < residual) {
-                (place, residual) = (candidate, r);
+            if let Some((_, solution)) = solved(candidate).filter(|(_, s)| s.residual < residual) {
+                (start, residual) = (candidate, solution.residual);
             }
         }
     }
-    let asked_at = |place: Vector3<f64>| {
-        let mut problem = Problem::new(&some, setting, at(place), paths)?;
-        let solution = problem.solve(setting.rounds)?;
-        Some((
-            solution.residual,
-            problem.place_step(&some, &strobe_places(at(place), paths), &solution)?,
-        ))
+    let evaluate = |position: Vector3<f64>| {
+        let (problem, solution) = solved(position)?;
+        let parameters = strobe_position(at(position), &sample_path);
+        Some((solution.residual, problem.parameter_step(&tracks, &parameters, &solution)?))
     };
-    let Lowest { place, std, residual: [first, last] } = descend(place, settled, &asked_at)?;
-    let moved_m = (place - from.origin().vector()).norm();
+    let Minimum { point, std, residual: [first, last] } = minimize(start, settled, &evaluate)?;
     Some(StrobeFit {
-        lamps: at(place),
+        lamps: at(point),
         std_m: std.into(),
-        residual: [at_start.unwrap_or(first), last],
-        moved_m,
+        residual: [first_residual.unwrap_or(first), last],
+        moved_m: (point - from.origin().vector()).norm(),
     })
 }

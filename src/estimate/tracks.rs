@@ -6,19 +6,8 @@
 use std::collections::BTreeMap;
 
 use super::matching::MatchedPair;
-use super::samples::{FrameSamples, Sample};
-
-/// One view of a track.
-#[derive(Clone, Copy, Debug)]
-pub struct Observation {
-    /// index into the frames' samples
-    pub frame: u32,
-    /// place and colour, pooled over the track's footprint
-    pub sample: Sample,
-}
-
-/// One point of seafloor, seen twice or more.
-pub type Track = Vec<Observation>;
+use super::samples::FrameSamples;
+use crate::solver::{Observation, Track};
 
 /// Joins matches of pairs of frames into tracks.
 pub fn tracks(frames: &[FrameSamples], pairs: &[MatchedPair]) -> Vec<Track> {

@@ -30,8 +30,8 @@ pub use file::{
 };
 pub use light_setting::{LightLaw, LightSettingFile};
 
-use crate::config::Spreading;
-use crate::geometry::{LightPath, MIN_COS_INCIDENCE};
+use crate::config::{Method, Spreading};
+use crate::geometry::{LampPath, LightPath, MIN_COS_INCIDENCE};
 use crate::image::Bands;
 use crate::units::Stamp;
 
@@ -89,26 +89,91 @@ impl ImagingModel {
         }
     }
 
-    /// Logarithm of all that geometry alone decides: spreading and incidence.
-    pub fn log_geometry(&self, path: &LightPath) -> f64 {
-        log_geometry(self.spreading, self.incidence, path)
+    /// Log radiance of a white seafloor per band, of the parts that are chosen (Eq. 15).
+    pub fn log_radiance(&self, path: &LightPath, parts: Removal) -> Bands {
+        self.log_radiance_in(&self.attenuation_per_m, path, parts)
     }
 
-    /// Logarithm of what the water took of one band: −α ℓ.                                     Eq.
-    /// 1
-    pub fn log_water(&self, path: &LightPath, band: usize) -> f64 {
-        -self.attenuation_per_m[band] * path.length_m()
-    }
-
-    /// Logarithm of the light that a white seafloor would send back in one band.                Eq.
-    /// 15
-    pub fn log_light(&self, path: &LightPath, band: usize) -> f64 {
-        let by = |p: &LightPath| {
-            self.beam_pattern.log_gain(p.angles) + self.log_water(p, band) + self.log_geometry(p)
-        };
+    /// The same in water of another attenuation \[1/m\].
+    pub fn log_radiance_in(&self, alpha: &Bands, path: &LightPath, parts: Removal) -> Bands {
+        let beam = |p: &LightPath| self.beam_pattern.log_gain(p.angles);
+        let others = |p: &LightPath, parts: Removal| self.log_beside_beam(alpha, p, parts);
         match path.lamp_paths() {
-            [] => by(path),
-            legs => log_sum(legs.iter().map(|leg| leg.share.ln() + by(&path.via(leg)))),
+            legs if legs.is_empty() || !parts.beam => {
+                let beam = if parts.beam { beam(path) } else { 0.0 };
+                others(path, parts).map(|other| beam + other)
+            }
+            // The light of several lamps is a sum; what their beams alone contribute is the
+            // difference from one lamp that would light a white seafloor as much.
+            legs => {
+                let of_leg = |leg: &LampPath| {
+                    let p = path.via(leg);
+                    let common = leg.share.ln() + beam(&p);
+                    others(&p, Removal::FULL).map(|other| common + other)
+                };
+                let of_legs: Vec<Bands> = legs.iter().map(of_leg).collect();
+                let kept = others(path, parts.complement());
+                std::array::from_fn(|b| log_sum(of_legs.iter().map(|l| l[b])) - kept[b])
+            }
+        }
+    }
+
+    /// All parts but the beam pattern, for one lamp: smooth over the image.
+    fn log_beside_beam(&self, alpha: &Bands, path: &LightPath, parts: Removal) -> Bands {
+        let spreading = if parts.spreading { self.spreading.log_light(path) } else { 0.0 };
+        let incidence = if parts.incidence && self.incidence { log_incidence(path) } else { 0.0 };
+        std::array::from_fn(|b| {
+            let water = if parts.attenuation { -alpha[b] * path.length_m() } else { 0.0 }; // Eq. 1
+            if b < self.bands { water + (spreading + incidence) } else { 0.0 }
+        })
+    }
+}
+
+/// The parts of Eq. 15 that a method divides by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Removal {
+    /// BP
+    pub beam: bool,
+    /// e^(−α ℓ)
+    pub attenuation: bool,
+    /// ℓ_a^−p_a ℓ_s^−p_s
+    pub spreading: bool,
+    /// cos γ
+    pub incidence: bool,
+}
+
+impl Removal {
+    /// All of Eq. 15.
+    pub const FULL: Self = Self { beam: true, attenuation: true, spreading: true, incidence: true };
+
+    /// What a method of Fig. 10 removes. Baselines divide nothing out: what full correction would
+    /// have done is reported.
+    pub fn of(method: Method) -> Self {
+        match method {
+            Method::Attenuation => Self { beam: false, incidence: false, ..Self::FULL },
+            Method::BeamPattern => {
+                Self { attenuation: false, spreading: false, incidence: false, ..Self::FULL }
+            }
+            _ => Self::FULL,
+        }
+    }
+
+    /// Without the beam pattern: smooth over the image.
+    pub fn without_beam(self) -> Self {
+        Self { beam: false, ..self }
+    }
+
+    /// Without attenuation.
+    pub fn without_attenuation(self) -> Self {
+        Self { attenuation: false, ..self }
+    }
+
+    fn complement(self) -> Self {
+        Self {
+            beam: !self.beam,
+            attenuation: !self.attenuation,
+            spreading: !self.spreading,
+            incidence: !self.incidence,
         }
     }
 }
@@ -119,9 +184,12 @@ pub fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
     most + logs.map(|l| (l - most).exp()).sum::<f64>().ln()
 }
 
-/// Logarithm of spreading and incidence.
+/// Logarithm of spreading and incidence: what geometry alone decides.
 pub fn log_geometry(spreading: SpreadingModel, incidence: bool, path: &LightPath) -> f64 {
-    // Below 3° of grazing light the plane is no model of the floor any more.
-    spreading.log_light(path)
-        + if incidence { path.cos_incidence.max(MIN_COS_INCIDENCE).ln() } else { 0.0 }
+    spreading.log_light(path) + if incidence { log_incidence(path) } else { 0.0 }
+}
+
+/// log cos γ. Below 3° of grazing light the plane is no model of the seafloor any more.
+fn log_incidence(path: &LightPath) -> f64 {
+    path.cos_incidence.max(MIN_COS_INCIDENCE).ln()
 }

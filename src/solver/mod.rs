@@ -1,0 +1,89 @@
+//! Attenuation, beam pattern and the reflectance of every tracked point in one robust solve
+//! (Eq. 15).
+//!
+//! ```text
+//! y_o = ρ_t + Σ_n w_n B_n − α_Λ(t) ℓ_o [− p log ℓ_a] [+ δb_Λ S_o / D_o]
+//! y = log D − spreading − log cos γ
+//! ```
+//!
+//! Each group of unknowns is a term ([`terms`]): α per band (at nodes in time where it changes), B
+//! on bilinear nodes shared by the bands, optionally the spreading exponent p and backscatter, and
+//! to first order the geometry (strobe position, clock, mount). The log reflectance ρ per track and
+//! band is eliminated in closed form ([`normal`]). Weights are robust ([`reweight`]), standard
+//! deviations come from a jackknife over segments of the log ([`covariance`]); a few numbers of the
+//! geometry are found by Gauss-Newton steps of whole solves ([`gauss_newton`]).
+//!
+//! After Bryson et al. (JFR 2016) and SUCRe (3DV 2024) in idea, own in form.
+
+mod answer;
+mod covariance;
+mod equation;
+mod gauss_newton;
+mod normal;
+mod observation;
+mod problem;
+mod reweight;
+mod row;
+pub mod terms;
+#[cfg(test)]
+mod tests;
+
+pub use answer::JointAnswer;
+pub use covariance::Independence;
+pub use equation::{Equation, MIN_DIRECT_SHARE};
+pub use gauss_newton::{Minimum, SETTLED, minimize};
+pub use normal::{LinearSystem, Normal};
+pub use observation::{Observation, PathFor, Sample, Track, sample_path, thinned};
+pub use problem::{Fit, ParameterStep, Problem, Solution};
+pub use row::Row;
+
+use crate::config::EstimateConfig;
+use crate::model::{Backscatter, BeamGrid, ScatterIntegral, SpreadingModel};
+use crate::vehicle::Lamps;
+use terms::attenuation::TimeGrid;
+use terms::geometry::strobe_position;
+
+/// S_Λ of an observation.
+pub type ScatterOf<'f> = dyn Fn(&Observation) -> ScatterIntegral + Sync + 'f;
+
+/// What is solved for, and what is held.
+#[derive(Clone, Copy)]
+pub struct Setup<'s> {
+    /// how far the frames' errors are independent
+    pub independence: Independence,
+    /// 1 or 3
+    pub bands: usize,
+    /// the beam pattern's grid
+    pub grid: BeamGrid,
+    /// p_a and p_s of Eq. 15
+    pub spreading: SpreadingModel,
+    /// whether p_a is an unknown
+    pub fit_exponent: bool,
+    /// whether the strobe's position came from the same log, which makes α less certain
+    pub free_strobe: bool,
+    /// backscatter to begin with and S_Λ of an observation, where backscatter is an unknown
+    pub scatter: Option<(&'s Backscatter, &'s ScatterOf<'s>)>,
+    /// nodes of α in time, where it changes
+    pub segments: Option<&'s TimeGrid>,
+    /// reweightings
+    pub rounds: usize,
+    /// the settings
+    pub config: &'s EstimateConfig,
+}
+
+/// Solves for all tracks; `None` where too little is observed.
+pub fn solve(
+    tracks: &[Track],
+    setup: &Setup<'_>,
+    lamps: Lamps,
+    paths: &PathFor<'_>,
+) -> Option<JointAnswer> {
+    let mut problem = Problem::new(tracks, setup, lamps, paths)?;
+    let solution = problem.solve(setup.rounds)?;
+    if !setup.free_strobe {
+        return problem.answer(&solution, None);
+    }
+    // The position stays; that it may be elsewhere makes the answer less certain.
+    let position = problem.differentiate(tracks, &strobe_position(lamps, paths), &solution);
+    problem.answer(&solution, Some(&position))
+}

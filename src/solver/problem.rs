@@ -1,0 +1,335 @@
+//! The joint problem of one strobe mount: equations, weights, and the rounds of the solve.
+
+use nalgebra::DVector;
+
+use super::covariance::covariance;
+use super::equation::Equation;
+use super::normal::LinearSystem;
+use super::reweight::reweight;
+use super::row::Row;
+use super::terms::geometry::{Geometry, Parameter};
+use super::terms::{Term, TermList, Terms};
+use super::{Observation, PathFor, Setup, Track};
+use crate::geometry::LightPath;
+use crate::image::Bands;
+use crate::model::{Backscatter, BeamPattern, ImagingModel, Removal, SpreadingModel};
+use crate::parallel::par_map;
+use crate::stats;
+use crate::vehicle::Lamps;
+
+/// b stays below this quantile of c / S: hardly a point is darker than the water before it.
+const DARKEST: f64 = 0.02;
+/// Fewest tracks of a solve, and fewest observations for so many unknowns.
+const MIN_TRACKS: usize = 30;
+const MIN_OBSERVATIONS_PER_UNKNOWN: usize = 2;
+const MAX_COUNTED_UNKNOWNS: usize = 100;
+
+/// The linear problem of one strobe mount.
+pub struct Problem<'s> {
+    pub(super) setup: Setup<'s>,
+    pub(super) equations: Vec<Equation>,
+    /// end of each track in `equations`
+    pub(super) ends: Vec<usize>,
+    pub(super) terms: Terms<'s>,
+    weights: Vec<Bands>,
+}
+
+/// Values of the unknowns, and the robust spread of the residuals \[log light\].
+pub struct Solution {
+    pub(super) values: DVector<f64>,
+    /// robust spread of the residuals \[log light\]
+    pub residual: f64,
+}
+
+/// A solution in terms of the model.
+pub struct Fit {
+    /// α \[1/m\], the mean over the frames
+    pub attenuation_per_m: Bands,
+    /// b_Λ and the shape of S_Λ
+    pub backscatter: Backscatter,
+    /// BP
+    pub beam: BeamPattern,
+}
+
+/// A step of parameters that lowers the residuals most, with standard deviations, in their units.
+#[derive(Clone, Debug)]
+pub struct ParameterStep {
+    /// per parameter
+    pub step: Vec<f64>,
+    /// per parameter
+    pub std: Vec<f64>,
+}
+
+/// One observation with its light path, and its index among all observations.
+type WithPath<'t> = (usize, &'t Observation, LightPath);
+
+impl<'s> Problem<'s> {
+    /// Sets the problem up for a strobe mount; `None` where too little is observed.
+    pub fn new(
+        tracks: &[Track],
+        setup: &Setup<'s>,
+        lamps: Lamps,
+        paths: &PathFor<'_>,
+    ) -> Option<Self> {
+        let views = light_paths(tracks, setup, lamps, paths);
+        let mut node_weight = vec![0.0; setup.grid.count * setup.grid.count];
+        let angles = views.iter().flatten().flat_map(|(_, _, path)| path.all_angles());
+        angles.flat_map(|a| setup.grid.weights(a)).for_each(|(n, w)| node_weight[n] += w);
+        // Only observed nodes are unknowns; observations at others are left out.
+        let mut terms = Terms::new(setup, &node_weight);
+        let is_solved = |node: usize| terms.beam.unknown(node).is_some();
+        let (mut equations, mut ends) = (Vec::new(), Vec::with_capacity(tracks.len()));
+        for of_track in views {
+            let start = equations.len();
+            equations.extend(of_track.into_iter().filter_map(|(source, o, path)| {
+                Equation::new(setup, &is_solved, o, &path, source)
+            }));
+            if equations.len() - start < 2 {
+                equations.truncate(start);
+            } else {
+                ends.push(equations.len());
+            }
+        }
+        equations.iter_mut().enumerate().for_each(|(i, equation)| equation.index = i);
+        let unknowns = (terms.beam.columns() + setup.bands).min(MAX_COUNTED_UNKNOWNS);
+        if equations.len() < MIN_OBSERVATIONS_PER_UNKNOWN * unknowns || ends.len() < MIN_TRACKS {
+            return None;
+        }
+        if let Some(term) = &mut terms.backscatter {
+            term.max_strength_per_m = darkest(&equations, &term.state);
+        }
+        let weights = equations.iter().map(|e| e.reading.direct_share.map(|d| d * d)).collect();
+        Some(Self { setup: *setup, equations, ends, terms, weights })
+    }
+
+    /// The equations with given terms and the weights of the last round.
+    pub(super) fn system<'p>(&'p self, terms: &'p TermList<'p>) -> LinearSystem<'p> {
+        LinearSystem {
+            equations: &self.equations,
+            ends: &self.ends,
+            weights: &self.weights,
+            bands: self.setup.bands,
+            terms,
+        }
+    }
+
+    /// Reweighted least squares; keeps the weights of the last round.
+    pub fn solve(&mut self, rounds: usize) -> Option<Solution> {
+        let prior = self.terms.list().prior();
+        let mut solution = None;
+        self.linearize_lamps(&DVector::zeros(prior.nrows()));
+        for _ in 0..rounds.max(1) {
+            let list = self.terms.list();
+            let system = self.system(&list);
+            let (normal, right) = system.normal_equations(&prior);
+            let mut values = normal.cholesky()?.solve(&right);
+            let residuals = system.residuals(values.as_slice());
+            let (weights, residual) = reweight(&self.equations, &residuals, self.setup.bands);
+            self.weights = weights;
+            self.linearize_reading(&mut values);
+            self.linearize_lamps(&values);
+            solution = Some(Solution { values, residual });
+        }
+        solution
+    }
+
+    /// The light of several lamps adds up: its logarithm is made linear about a solution.
+    fn linearize_lamps(&mut self, values: &DVector<f64>) {
+        if self.equations.iter().all(|e| e.path.legs.is_empty()) {
+            return;
+        }
+        let (terms, values) = (&self.terms, values.as_slice());
+        let log_beam = |nodes: &[(usize, f64)]| terms.beam.log_gain(nodes, values);
+        for equation in &mut self.equations {
+            equation.linearize_lamps(&terms.lamp_state(equation.frame, values, &log_beam));
+        }
+    }
+
+    /// Takes the step in backscatter, and linearises the equations about the solution.
+    fn linearize_reading(&mut self, values: &mut DVector<f64>) {
+        if self.terms.backscatter.is_none() {
+            return;
+        }
+        let direct = self.log_direct(values.as_slice());
+        self.terms.apply(values.as_mut_slice());
+        let backscatter = self.backscatter();
+        for (equation, log_direct) in self.equations.iter_mut().zip(direct) {
+            equation.linearize_reading(&log_direct, &backscatter, self.setup.bands);
+        }
+    }
+
+    /// Log of the direct light less geometry that a solution predicts, per equation and band.
+    fn log_direct(&self, values: &[f64]) -> Vec<Bands> {
+        let list = self.terms.list();
+        let system = self.system(&list);
+        let predicted = par_map(self.equations.iter().collect(), |e| {
+            system.predict(e, values, &mut Row::default())
+        });
+        let first = self.terms.first_backscatter();
+        let mut row = Row::default();
+        let mut by_backscatter = |equation: &Equation, band: usize| {
+            row.clear();
+            row.begin_term(first);
+            if let Some(term) = &self.terms.backscatter {
+                term.jacobian(equation, band, &mut row);
+            }
+            row.dot(values)
+        };
+        let mut direct = vec![[0.0; 3]; self.equations.len()];
+        for track in system.tracks() {
+            for b in 0..self.setup.bands {
+                let total: f64 = track.clone().map(|i| self.weights[i][b]).sum();
+                let weighted =
+                    |i: usize| self.weights[i][b] * (self.equations[i].y[b] - predicted[i][b]);
+                let reflectance = track.clone().map(weighted).sum::<f64>() / total.max(1e-12);
+                for i in track.clone() {
+                    direct[i][b] =
+                        reflectance + predicted[i][b] - by_backscatter(&self.equations[i], b);
+                }
+            }
+        }
+        direct
+    }
+
+    /// Backscatter by the last solution.
+    pub(super) fn backscatter(&self) -> Backscatter {
+        self.terms.backscatter.as_ref().map_or(Backscatter::NONE, |term| term.state)
+    }
+
+    /// A solution as a model, without standard deviations.
+    pub fn fit(&self, solution: &Solution) -> Fit {
+        let (attenuation, first) = (&self.terms.attenuation, self.terms.first_attenuation());
+        let weights = attenuation.mean_weights();
+        let node = |b: usize, k: usize| solution.values[first + attenuation.unknown(b, k)];
+        let mean = |b: usize| weights.iter().enumerate().map(|(k, w)| w * node(b, k)).sum();
+        let by_node = self.terms.beam.by_node(solution.values.as_slice());
+        Fit {
+            attenuation_per_m: std::array::from_fn(|b| {
+                if b < self.setup.bands { mean(b) } else { 0.0 }
+            }),
+            backscatter: self.backscatter(),
+            beam: BeamPattern::from_nodes(self.setup.grid, &by_node),
+        }
+    }
+
+    /// The solution as an imaging model without backscatter; α is the mean over the frames.
+    pub fn imaging_model(&self, solution: &Solution) -> ImagingModel {
+        let Fit { attenuation_per_m, beam, .. } = self.fit(solution);
+        let exponent = self.terms.exponent_unknown().map(|i| solution.values[i]);
+        let spreading = SpreadingModel {
+            strobe_leg: exponent.unwrap_or(self.setup.spreading.strobe_leg),
+            ..self.setup.spreading
+        };
+        ImagingModel {
+            bands: self.setup.bands,
+            attenuation_per_m,
+            over_time: Default::default(),
+            spreading,
+            incidence: self.setup.config.incidence,
+            beam_pattern: beam,
+            backscatter: None,
+        }
+    }
+
+    /// Parameters of the geometry as one more term, differentiated at a solution.
+    pub fn differentiate(
+        &self,
+        tracks: &[Track],
+        parameters: &[Parameter<'_>],
+        solution: &Solution,
+    ) -> Geometry {
+        let model = self.imaging_model(solution);
+        let observations: Vec<&Observation> = tracks.iter().flatten().collect();
+        let log_radiance = |equation: &Equation, path: &LightPath| {
+            let alpha = self.terms.attenuation_of(equation.frame, solution.values.as_slice());
+            model.log_radiance_in(&alpha, path, Removal::FULL)
+        };
+        Geometry::new(parameters, &self.equations, &observations, &log_radiance)
+    }
+
+    /// The step of parameters that lowers the residuals most, to first order, with everything else
+    /// free.
+    pub fn parameter_step(
+        &self,
+        tracks: &[Track],
+        parameters: &[Parameter<'_>],
+        solution: &Solution,
+    ) -> Option<ParameterStep> {
+        let geometry = self.differentiate(tracks, parameters, solution);
+        let mut list = self.terms.list();
+        let first = list.unknowns();
+        list.add(&geometry);
+        let system = self.system(&list);
+        let (normal, right) = system.normal_equations(&list.prior());
+        let values = normal.cholesky()?.solve(&right);
+        let covariance = covariance(&system, self.setup.independence, first)?;
+        Some(ParameterStep {
+            step: (0..parameters.len()).map(|k| values[first + k]).collect(),
+            std: (0..parameters.len()).map(|k| covariance[(k, k)].sqrt()).collect(),
+        })
+    }
+
+    /// Log reflectance by one observation's own light, and its share of direct light: the
+    /// prediction of a solution for any observation.
+    pub fn reflectance_by(
+        &self,
+        solution: &Solution,
+        o: &Observation,
+        lamps: Lamps,
+        paths: &PathFor<'_>,
+    ) -> Option<(Bands, Bands)> {
+        let path = paths(o, lamps).filter(|p| is_inside(&self.setup, p))?;
+        let state = self.backscatter();
+        let scatter = self.setup.scatter.map(|(_, scatter)| (&state, scatter));
+        let setup = Setup { scatter, ..self.setup };
+        let is_solved = |node: usize| self.terms.beam.unknown(node).is_some();
+        let mut equation = Equation::new(&setup, &is_solved, o, &path, 0)?;
+        let values = solution.values.as_slice();
+        let log_beam = |nodes: &[(usize, f64)]| self.terms.beam.log_gain(nodes, values);
+        if !equation.path.legs.is_empty() {
+            equation.linearize_lamps(&self.terms.lamp_state(equation.frame, values, &log_beam));
+        }
+        let list = self.terms.list();
+        let log_reflectance =
+            self.system(&list).log_reflectance(&equation, values, &mut Row::default());
+        Some((log_reflectance, equation.reading.direct_share))
+    }
+}
+
+/// Light paths of all observations, by track; those outside the beam pattern's grid are left out.
+fn light_paths<'t>(
+    tracks: &'t [Track],
+    setup: &Setup<'_>,
+    lamps: Lamps,
+    paths: &PathFor<'_>,
+) -> Vec<Vec<WithPath<'t>>> {
+    let mut source = 0;
+    let numbered = tracks.iter().map(|track| {
+        source += track.len();
+        (source - track.len(), track)
+    });
+    let numbered: Vec<(usize, &Track)> = numbered.collect();
+    let of_track = |first: usize, track: &'t Track| {
+        let with_path =
+            |(i, o)| Some((first + i, o, paths(o, lamps).filter(|path| is_inside(setup, path))?));
+        track.iter().enumerate().filter_map(with_path).collect()
+    };
+    par_map(numbered, |(first, track)| of_track(first, track))
+}
+
+/// Whether all directions of a light path lie on the beam pattern's grid.
+fn is_inside(setup: &Setup<'_>, path: &LightPath) -> bool {
+    path.all_angles().all(|a| setup.grid.holds(a))
+}
+
+/// The largest b that the darkest observations allow \[1/m\].
+fn darkest(equations: &[Equation], state: &Backscatter) -> Bands {
+    let unit = Backscatter { strength_per_m: [1.0; 3], ..*state };
+    std::array::from_fn(|b| {
+        let ratio = |e: &Equation| {
+            f64::from(e.reading.log_color[b]).exp() / unit.light(&e.reading.scatter)[b].max(1e-12)
+        };
+        let ratios: Vec<f64> = equations.iter().map(ratio).collect();
+        stats::quantile(&ratios, DARKEST)
+    })
+}

@@ -1,0 +1,208 @@
+//! The unknowns of the joint solve, one file per term.
+//!
+//! Adding a term: its file, and its place in [`Terms`] (field, `new`, `list`). Terms whose
+//! derivatives are the same in all bands come first: the normal equations treat them once.
+
+pub mod attenuation;
+pub mod backscatter;
+pub mod beam;
+pub mod exponent;
+pub mod frame_gain;
+pub mod geometry;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::DMatrix;
+
+use super::equation::Equation;
+use super::row::Row;
+use super::{Setup, equation::LampState};
+use crate::image::Bands;
+use attenuation::Attenuation;
+use backscatter::BackscatterTerm;
+use beam::Beam;
+use exponent::Exponent;
+
+/// A group of unknowns that enter the log radiance together.
+pub trait Term: Sync {
+    /// Number of unknowns.
+    fn columns(&self) -> usize;
+
+    /// Pushes the derivatives of the log radiance of one observation in one band.
+    fn jacobian(&self, equation: &Equation, band: usize, row: &mut Row);
+
+    /// Adds what is known of the unknowns beforehand: smoothness, a weak prior.
+    fn prior(&self, _prior: &mut Prior<'_>) {}
+
+    /// Takes the solved values over. A term that is linearised about its own state takes the step
+    /// and leaves 0 behind.
+    fn apply(&mut self, _values: &mut [f64]) {}
+
+    /// Unknowns that stand at a bound and are held there, counted from the term's first.
+    fn held(&self) -> Vec<usize> {
+        Vec::new()
+    }
+}
+
+/// Prior equations of one term, added to the normal matrix.
+pub struct Prior<'m> {
+    /// the normal matrix of all unknowns
+    pub matrix: &'m mut DMatrix<f64>,
+    /// the term's first unknown
+    pub first: usize,
+}
+
+impl Prior<'_> {
+    /// Adds `weight · (Σ coefficient · unknown)²`; unknowns are counted from the term's first.
+    pub fn hold(&mut self, equation: &[(usize, f64)], weight: f64) {
+        for (p, a) in equation {
+            for (q, b) in equation {
+                self.matrix[(self.first + *p, self.first + *q)] += weight * a * b;
+            }
+        }
+    }
+}
+
+/// The terms of one problem, in the order of their unknowns.
+pub struct Terms<'s> {
+    pub(super) beam: Beam,
+    pub(super) attenuation: Attenuation<'s>,
+    pub(super) exponent: Option<Exponent>,
+    pub(super) backscatter: Option<BackscatterTerm>,
+}
+
+/// Terms with the first unknown of each.
+pub struct TermList<'t> {
+    /// the same derivatives in all bands
+    common: Vec<(usize, &'t dyn Term)>,
+    /// one band's own
+    of_band: Vec<(usize, &'t dyn Term)>,
+    unknowns: usize,
+}
+
+impl<'s> Terms<'s> {
+    /// The terms that a setup asks for; `node_weight` is the weight of observations by node of the
+    /// beam pattern's grid.
+    pub fn new(setup: &Setup<'s>, node_weight: &[f64]) -> Self {
+        Self {
+            beam: Beam::new(setup.grid, node_weight, setup.config.beam_smoothness),
+            attenuation: Attenuation::new(setup.bands, setup.segments),
+            exponent: setup.fit_exponent.then_some(Exponent),
+            backscatter: setup.scatter.map(|(start, _)| BackscatterTerm::new(setup.bands, *start)),
+        }
+    }
+
+    /// All terms, common ones first.
+    pub fn list(&self) -> TermList<'_> {
+        let mut list = TermList { common: Vec::new(), of_band: Vec::new(), unknowns: 0 }
+            .with_common(&self.beam);
+        list.add(&self.attenuation);
+        self.exponent.iter().for_each(|term| list.add(term));
+        self.backscatter.iter().for_each(|term| list.add(term));
+        list
+    }
+
+    /// First unknown of α; those of a band follow one another over time.
+    pub fn first_attenuation(&self) -> usize {
+        self.beam.columns()
+    }
+
+    /// The exponent's unknown.
+    pub fn exponent_unknown(&self) -> Option<usize> {
+        self.exponent.as_ref().map(|_| self.first_attenuation() + self.attenuation.columns())
+    }
+
+    /// First unknown of backscatter.
+    pub fn first_backscatter(&self) -> usize {
+        self.first_attenuation() + self.attenuation.columns() + usize::from(self.exponent.is_some())
+    }
+
+    /// Hands the solved values to the terms that are linearised about their own state.
+    pub fn apply(&mut self, values: &mut [f64]) {
+        let first = self.first_backscatter();
+        if let Some(term) = &mut self.backscatter {
+            let columns = term.columns();
+            term.apply(&mut values[first..first + columns]);
+        }
+    }
+
+    /// α of a frame \[1/m\].
+    pub fn attenuation_of(&self, frame: u32, values: &[f64]) -> Bands {
+        self.attenuation.at(frame, &values[self.first_attenuation()..])
+    }
+
+    /// The solution as the sum over several lamps needs it, at one frame.
+    pub fn lamp_state<'v>(
+        &self,
+        frame: u32,
+        values: &[f64],
+        log_beam: &'v dyn Fn(&[(usize, f64)]) -> f64,
+    ) -> LampState<'v> {
+        LampState {
+            bands: self.attenuation.bands(),
+            attenuation_per_m: self.attenuation_of(frame, values),
+            exponent: self.exponent_unknown().map_or(0.0, |i| values[i]),
+            log_beam,
+        }
+    }
+}
+
+impl<'t> TermList<'t> {
+    /// A list of one common term.
+    pub fn of(term: &'t dyn Term) -> Self {
+        Self { common: Vec::new(), of_band: Vec::new(), unknowns: 0 }.with_common(term)
+    }
+
+    fn with_common(mut self, term: &'t dyn Term) -> Self {
+        self.common.push((self.unknowns, term));
+        self.unknowns += term.columns();
+        self
+    }
+
+    /// Adds a term whose derivatives differ between the bands.
+    pub fn add(&mut self, term: &'t dyn Term) {
+        self.of_band.push((self.unknowns, term));
+        self.unknowns += term.columns();
+    }
+
+    /// Number of unknowns.
+    pub fn unknowns(&self) -> usize {
+        self.unknowns
+    }
+
+    /// Derivatives that all bands share.
+    pub fn common_row(&self, equation: &Equation, row: &mut Row) {
+        row.clear();
+        for (first, term) in &self.common {
+            row.begin_term(*first);
+            term.jacobian(equation, 0, row);
+        }
+    }
+
+    /// One band's own derivatives; their unknowns come after all common ones.
+    pub fn band_row(&self, equation: &Equation, band: usize, row: &mut Row) {
+        row.clear();
+        for (first, term) in &self.of_band {
+            row.begin_term(*first);
+            term.jacobian(equation, band, row);
+        }
+    }
+
+    /// The prior of all terms, and a ridge for directions that nothing determines: the constant
+    /// shared by beam pattern and reflectance.
+    pub fn prior(&self) -> DMatrix<f64> {
+        let mut matrix = DMatrix::from_diagonal_element(self.unknowns, self.unknowns, 1e-6);
+        for (first, term) in self.common.iter().chain(&self.of_band) {
+            term.prior(&mut Prior { matrix: &mut matrix, first: *first });
+        }
+        matrix
+    }
+
+    /// Unknowns that stand at a bound.
+    pub fn held(&self) -> Vec<usize> {
+        let of_term = |(first, term): &(usize, &dyn Term)| {
+            term.held().into_iter().map(|k| first + k).collect::<Vec<_>>()
+        };
+        self.common.iter().chain(&self.of_band).flat_map(of_term).collect()
+    }
+}
