@@ -19,8 +19,9 @@ use unwater::image::noise::Noise;
 use unwater::image::transfer::{Shoulder, SrgbTable};
 use unwater::image::{EncodedImage, ImageShape, LinearImage, SensorImage, encode};
 use unwater::model::{BeamGrid, BeamPattern, ImagingModel, Removal, RenderingFile, SpreadingModel};
-use unwater::pipeline::{Options, Silent, estimate_logs};
 use unwater::recording::{Output, Recording, Schema, Window};
+use unwater::run::estimate_logs;
+use unwater::session::{Options, Silent};
 use unwater::units::Stamp;
 use unwater::vehicle::{Camera, Lamps, Rig, StrobeMount};
 

@@ -20,7 +20,7 @@ use support::render::{Dive, Sensor, Truth};
 use support::same_point::{Ground, Shown};
 use unwater::config::{Config, Estimator, ImageFormat, Method, Spreading, Switch};
 use unwater::image::LinearImage;
-use unwater::pipeline::Options;
+use unwater::session::Options;
 use unwater::units::Stamp;
 
 /// What one dive showed. The truth's pictures are not kept.

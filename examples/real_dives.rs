@@ -12,9 +12,10 @@ use unwater::geometry::View;
 use unwater::image::decode::{CameraResponse, decode};
 use unwater::image::{LinearImage, SensorImage};
 use unwater::messages::Kind;
-use unwater::pipeline::scan::Scan;
-use unwater::pipeline::{Options, Prepared, Silent, correct, open, prepare};
 use unwater::recording::{Entry, Recording, Window};
+use unwater::run::correct;
+use unwater::session::index::Scan;
+use unwater::session::{Options, Prepared, Silent, open, prepare};
 
 /// Light is compared over a Gaussian of this standard deviation on the seafloor [m]: matches are a
 /// pixel or two off.

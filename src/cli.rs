@@ -19,8 +19,8 @@ use crate::config::{
 };
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
-use crate::pipeline::{Options, survey::Selection};
 use crate::recording::Window;
+use crate::session::{Options, survey::Selection};
 use crate::vehicle::RigFile;
 
 pub use commands::run;

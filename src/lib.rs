@@ -30,7 +30,9 @@ pub mod recording;
 pub mod report;
 pub mod viewers;
 
-pub mod pipeline;
+pub mod session;
+
+pub mod run;
 
 pub mod products;
 

@@ -17,11 +17,12 @@ use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
 use crate::model::ModelFile;
-use crate::pipeline::clock_offsets::clock_offsets;
-use crate::pipeline::memory::Load;
-use crate::pipeline::{self, Options, corrected_topic, output_container, survey};
 use crate::recording::Recording;
 use crate::report::Report;
+use crate::run::clock_offsets::clock_offsets;
+use crate::run::memory::Load;
+use crate::run::{self, corrected_topic, output_container};
+use crate::session::{self, Options, survey};
 
 /// Carries out what was said.
 ///
@@ -80,7 +81,7 @@ fn correct(args: &Correct) -> Result<Ended> {
     }
     let (given, begun) = (model.is_some(), std::time::Instant::now());
     let cameras =
-        pipeline::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
+        run::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
     for (report, _) in &cameras {
         if !args.shared.quiet {
             complain(&report.warnings, &report.remarks, args.shared.verbose);
@@ -167,8 +168,7 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
         }
     }
     let inputs: Vec<&Path> = args.inputs.iter().map(PathBuf::as_path).collect();
-    let (model, warnings) =
-        pipeline::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
+    let (model, warnings) = run::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
     if !args.shared.quiet {
         complain(&warnings, &[], args.shared.verbose);
         complain(&model.warnings, &[], args.shared.verbose);
@@ -202,20 +202,17 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
 fn config(args: &ConfigArgs) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
     say(&(options.config.to_commented_toml()
-        + &pipeline::memory::table(
-            &options.config,
-            pipeline::Threads::new(options.threads).count(),
-        )));
+        + &run::memory::table(&options.config, session::Threads::new(options.threads).count())));
     Ok(Ended::Done)
 }
 
 fn inspect(args: &Inspect) -> Result<Ended> {
     let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
-    let (recording, mut scan) = match pipeline::open(&args.input, &options) {
+    let (recording, mut scan) = match session::open(&args.input, &options) {
         Err(Error::Empty { .. }) if options.window.is_none() => {
             let recording = Recording::open(&args.input)?;
-            let threads = pipeline::Threads::new(options.threads);
-            let scan = pipeline::scan::scan(
+            let threads = session::Threads::new(options.threads);
+            let scan = session::index::scan(
                 &recording,
                 crate::recording::Window::ALL,
                 &options.rig.dvl,
@@ -250,9 +247,8 @@ fn inspect(args: &Inspect) -> Result<Ended> {
     let (messages, span) = (scan.messages, scan.span);
     let survey =
         survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
-    let survey = survey.and_then(|s| {
-        pipeline::ensure_not_corrected(&recording, &s, &options.config, None).map(|()| s)
-    });
+    let survey = survey
+        .and_then(|s| run::ensure_not_corrected(&recording, &s, &options.config, None).map(|()| s));
     let (plans, missing) = match survey {
         Ok(survey) if args.clocks => {
             each_plan(&args.input, &options, vec![survey.camera_topic], true)
@@ -301,7 +297,7 @@ fn each_plan(
     for topic in topics {
         let mut chosen = options.clone();
         chosen.selection.camera = Some(topic.clone());
-        match pipeline::prepare(input, &chosen) {
+        match session::prepare(input, &chosen) {
             Ok(prepared) => {
                 let mut plan = plan(&prepared.survey, &chosen);
                 if with_clocks && let Ok(found) = clock_offsets(&prepared, &chosen) {
@@ -329,7 +325,7 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
         .collect();
     let container = output_container(s.container, &options.config);
     let (pixels, source_bytes) = s.picture;
-    let threads = pipeline::Threads::new(options.threads).count();
+    let threads = session::Threads::new(options.threads).count();
     let pass_one_frames = s.frames.len().min(options.config.estimate.max_frames);
     let memory =
         Load { threads, pixels, source_bytes, pass_one_frames }.bound(&options.config).total();

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::commands::{say, write_text};
 use super::{Ended, EstimateOptions, Init, RenderOptions};
 use crate::error::{Error, Result};
-use crate::pipeline::{self, Options, survey};
+use crate::session::{self, Options, survey};
 use crate::vehicle::{MountFacts, RigFile};
 
 pub fn run(args: &Init) -> Result<Ended> {
@@ -27,7 +27,7 @@ pub fn run(args: &Init) -> Result<Ended> {
 
 /// What the log knows of the rig; where a mount is missing, what the others are.
 fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)> {
-    let (recording, mut scan) = pipeline::open(input, options)?;
+    let (recording, mut scan) = session::open(input, options)?;
     match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
         Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), s.warnings)),
         Err(
@@ -58,7 +58,7 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                     }
                     _ => break,
                 }
-                let (recording, mut scan) = pipeline::open(input, &stand_in)?;
+                let (recording, mut scan) = session::open(input, &stand_in)?;
                 match survey::survey(
                     &recording,
                     &mut scan,
@@ -84,7 +84,7 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                     Err(next) => last = next,
                 }
             }
-            let (recording, scan) = pipeline::open(input, options)?;
+            let (recording, scan) = session::open(input, options)?;
             Ok((
                 survey::facts_without_ranges(&recording, &scan, &options.selection, &options.rig),
                 vec![last.to_string()],

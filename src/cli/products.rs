@@ -6,11 +6,11 @@ use super::{
     CompareArgs, Ended, ExportArgs, LookOptions, MosaicArgs, RenderOptions, ReportArgs, window,
 };
 use crate::error::{Error, Result};
-use crate::pipeline::Options;
 use crate::products::dive::CorrectedLog;
 use crate::products::mosaic::{self, Asked};
 use crate::products::{data_set, page, sheet, write_whole};
 use crate::recording::{Window, check_output_path};
+use crate::session::Options;
 
 impl LookOptions {
     fn options(&self) -> Options {

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
 use super::paint::Paint;
 use super::summary::duration;
-use crate::pipeline::{Progress, Step};
+use crate::session::{Progress, Step};
 
 /// The bar of the step at hand.
 pub struct Bar {

@@ -19,8 +19,8 @@ use super::write_whole;
 use crate::error::{Error, Result};
 use crate::image::{EncodedImage, ImageShape, encode};
 use crate::messages::Kind;
-use crate::pipeline::{Progress, Step, sha256};
 use crate::recording::{Message, Window};
+use crate::session::{Progress, Step, sha256};
 use crate::units::Stamp;
 
 /// Fields of the header that iFDO requires.

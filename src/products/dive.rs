@@ -12,12 +12,12 @@ use crate::error::{Error, Result};
 use crate::messages::value::Value;
 use crate::messages::{Decoder, header};
 use crate::model::ModelFile;
-use crate::pipeline::bench::Bench;
-use crate::pipeline::scan::Scan;
-use crate::pipeline::survey::Selection;
-use crate::pipeline::{self, Options};
 use crate::recording::{Block, Entry, Message, Recording, Window};
 use crate::report::Report;
+use crate::run::bench::Bench;
+use crate::session::index::Scan;
+use crate::session::survey::Selection;
+use crate::session::{self, Options};
 use crate::units::Stamp;
 use crate::vehicle::RigFile;
 
@@ -80,7 +80,7 @@ impl CorrectedLog {
     /// # Errors
     /// It cannot be read, or holds no correction.
     pub fn open(path: &Path, options: &Options) -> Result<Self> {
-        let (recording, scan) = pipeline::open(path, options)?;
+        let (recording, scan) = session::open(path, options)?;
         let bad =
             |what: &'static str, reason: String| Error::BadFile { path: path.into(), what, reason };
         let mut texts: BTreeMap<String, String> = BTreeMap::new();
@@ -191,7 +191,7 @@ impl CorrectedLog {
             return Err(Error::NoSuchTopic {
                 what: "camera",
                 topic: topic.into(),
-                seen: pipeline::survey::channel_list(&self.recording),
+                seen: session::survey::channel_list(&self.recording),
             });
         }
         let mut options =
@@ -212,7 +212,7 @@ impl CorrectedLog {
             ) = (None, None, None);
             options.config.light = Default::default();
         }
-        let prepared = pipeline::prepare(self.recording.path(), &options)?;
+        let prepared = session::prepare(self.recording.path(), &options)?;
         let mut file = camera.model.clone();
         if of == Pictures::Corrected {
             file.rendering.white_level = None;

@@ -21,9 +21,9 @@ use super::places::{Places, placed};
 use crate::error::{Error, Result};
 use crate::geometry::SeafloorPlane;
 use crate::image::LinearImage;
-use crate::pipeline::Options;
-use crate::pipeline::bench::{Bench, BenchFrame};
 use crate::recording::Window;
+use crate::run::bench::{Bench, BenchFrame};
+use crate::session::Options;
 use crate::units::Stamp;
 pub use grid::{Grid, Strip};
 
@@ -171,7 +171,7 @@ fn chosen_frames(
 ) -> Vec<(u64, Stamp, SeafloorPlane)> {
     let survey = &bench.log.survey;
     let corrected: BTreeSet<u64> = camera.corrected().map(|(_, f)| f.log_time).collect();
-    let of = |f: &crate::pipeline::scan::FrameRef| {
+    let of = |f: &crate::session::index::FrameRef| {
         let log_time = u64::try_from(f.logged.0).ok().filter(|t| corrected.contains(t))?;
         Some((
             log_time,

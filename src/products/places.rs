@@ -13,8 +13,8 @@ use crate::coordinates::Point;
 use crate::geometry::SeafloorPlane;
 use crate::messages::value::Value;
 use crate::messages::{Decoder, header};
-use crate::pipeline::Prepared;
 use crate::recording::{Channel, Recording, Window};
+use crate::session::Prepared;
 use crate::units::Stamp;
 
 /// Positions farther apart in time are not joined [s].

@@ -16,9 +16,10 @@ use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, Matchable, matches};
 use crate::image::LinearImage;
 use crate::model::{ModelFile, RenderingFile, ScatterTable};
-use crate::pipeline::bench::{Bench, BenchFrame};
-use crate::pipeline::{self, Options, Progress};
 use crate::plot::Canvas;
+use crate::run::bench::{Bench, BenchFrame};
+use crate::run::{self};
+use crate::session::{self, Options, Progress};
 use crate::units::Stamp;
 use scatter::{Agreement, Pairs};
 
@@ -138,10 +139,10 @@ pub fn sheet(
     options.config.render.method = Method::Full;
     let file = match model {
         Some(file) => file,
-        None => pipeline::estimate_logs(&[input], &options, progress)?.0,
+        None => run::estimate_logs(&[input], &options, progress)?.0,
     };
     let bench = Bench::new(
-        pipeline::prepare(input, &options)?,
+        session::prepare(input, &options)?,
         file,
         options.config.clone(),
         options.threads,

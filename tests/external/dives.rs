@@ -7,9 +7,10 @@ use crate::support::{ensure, render::Dive, replay};
 use libtest_mimic::{Failed, Trial};
 use unwater::config::{OutputConfig, OutputEncoding};
 use unwater::model::ModelFile;
-use unwater::pipeline::{Options, Silent, correct};
 use unwater::recording::{Entry, Output, RawChunk, Recording, Window};
 use unwater::report::Report;
+use unwater::run::correct;
+use unwater::session::{Options, Silent};
 
 fn run(
     input: &Path,

@@ -12,10 +12,10 @@ use crate::support::ensure;
 use crate::support::render::{Dive, Sensor, Truth};
 use libtest_mimic::{Failed, Trial};
 use unwater::config::OutputConfig;
-use unwater::pipeline::Options;
 use unwater::products::dive::CorrectedLog;
 use unwater::products::mosaic::{Asked, Mosaic, mosaic};
 use unwater::recording::{Entry, Output, Recording, Schema, Window};
+use unwater::session::Options;
 
 fn unwater(args: &[&str]) -> std::process::Output {
     Command::new(env!("CARGO_BIN_EXE_unwater")).args(args).output().expect("the program runs")
@@ -583,7 +583,7 @@ fn data_set_is_whole() -> Result<(), Failed> {
             format!("{} is not the log's", row[0]),
         )?;
         let item = &items[row[0]];
-        ensure(item["image-hash-sha256"] == unwater::pipeline::sha256(&still), "the fingerprint")?;
+        ensure(item["image-hash-sha256"] == unwater::session::sha256(&still), "the fingerprint")?;
         ensure(
             row[5] == frame.stamp_ns.to_string(),
             format!("{} is not of {}", row[5], frame.stamp_ns),

@@ -9,8 +9,9 @@ use crate::support::render::Dive;
 use mcap::records::Record;
 use unwater::config::Compression;
 use unwater::model::ModelFile;
-use unwater::pipeline::{Options, Silent, Threads, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Recording, Window};
+use unwater::run::{correct, estimate_logs};
+use unwater::session::{Options, Silent, Threads, index::scan, prepare};
 use unwater::vehicle::DvlFacts;
 
 /// A small dive and its model, made once.

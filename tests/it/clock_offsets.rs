@@ -2,8 +2,8 @@
 use std::path::Path;
 
 use crate::support::render::{Dive, Sensor};
-use unwater::pipeline::clock_offsets::{ClockOffsets, Told, clock_offsets};
-use unwater::pipeline::{Options, prepare};
+use unwater::run::clock_offsets::{ClockOffsets, Told, clock_offsets};
+use unwater::session::{Options, prepare};
 use unwater::vehicle::RigFile;
 
 const DVL: &str = "/dvl/data";

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use unwater::image::EncodedImage;
 use unwater::image::decode::{CameraResponse, decode};
-use unwater::pipeline::{Threads, scan::scan};
 use unwater::recording::{Entry, Recording, Window};
+use unwater::session::{Threads, index::scan};
 use unwater::vehicle::DvlFacts;
 
 const NUMBER: &[u8] = b"float64 data\n";

@@ -10,8 +10,9 @@ use crate::support::foreign_bytes::{TARGETS, with_schema};
 use unwater::config::Config;
 use unwater::image::EncodedImage;
 use unwater::messages::{Decoder, Kind};
-use unwater::pipeline::{Options, Silent, estimate_logs};
 use unwater::recording::{Entry, Recording, Window};
+use unwater::run::estimate_logs;
+use unwater::session::{Options, Silent};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Longer than this with one seed is a hang, on any machine.

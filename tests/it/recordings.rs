@@ -9,9 +9,10 @@ use crate::support::transcode::{Encoding, transcode};
 use unwater::config::Config;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{WireFormat, Writer};
-use unwater::pipeline::survey::Selection;
-use unwater::pipeline::{Options, Silent, Threads, correct, estimate_logs, prepare, scan::scan};
 use unwater::recording::{Entry, Message, Recording, Window};
+use unwater::run::{correct, estimate_logs};
+use unwater::session::survey::Selection;
+use unwater::session::{Options, Silent, Threads, index::scan, prepare};
 use unwater::vehicle::{DvlFacts, RigFile};
 
 const SAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/messages");
@@ -136,7 +137,7 @@ fn a_calibration_in_air_is_refracted_and_survives_its_own_rig_file() {
         (survey.rig.camera.fx / plain.fx - 1.33).abs() < 1e-9
             && survey.remarks.iter().any(|r| r.contains("in air"))
     );
-    let written = unwater::pipeline::survey::rig_facts(&survey.rig, &rig);
+    let written = unwater::session::survey::rig_facts(&survey.rig, &rig);
     let again: RigFile = toml::from_str(&toml::to_string(&written).unwrap()).unwrap();
     let again =
         prepare(&path, &Options { rig: again, ..Options::default() }).unwrap().survey.rig.camera;

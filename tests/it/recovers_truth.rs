@@ -4,7 +4,7 @@ use crate::support::judge::{Verdict, run};
 use crate::support::render::{Dive, DvlType, Sensor, Truth};
 use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
 use unwater::model::LightLaw;
-use unwater::pipeline::Options;
+use unwater::session::Options;
 
 fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
     let folder = tempfile::tempdir().expect("a folder");
@@ -318,7 +318,7 @@ fn a_cameras_own_response_is_undone_by_its_table() {
     let by_path = format!("[camera]\nresponse = {:?}\n", csv.display().to_string());
     let alpha = |rig: &str| {
         let options = Options { rig: toml::from_str(rig).expect("a rig"), ..Options::default() };
-        unwater::pipeline::estimate_logs(&[&path], &options, &unwater::pipeline::Silent)
+        unwater::run::estimate_logs(&[&path], &options, &unwater::session::Silent)
             .expect("a model")
             .0
             .attenuation_per_m
@@ -334,7 +334,7 @@ fn a_cameras_own_response_is_undone_by_its_table() {
             .expect("a rig"),
         ..Options::default()
     };
-    let error = unwater::pipeline::estimate_logs(&[&path], &wrong, &unwater::pipeline::Silent)
+    let error = unwater::run::estimate_logs(&[&path], &wrong, &unwater::session::Silent)
         .expect_err("it falls")
         .to_string();
     assert!(error.contains("camera.response") && error.contains("[1, 0.6]"), "{error}");

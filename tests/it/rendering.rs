@@ -6,7 +6,8 @@ use crate::support::judge::{pictures, run_and_show, shown_again, unbend};
 use crate::support::render::Dive;
 use unwater::config::ImageFormat;
 use unwater::image::LinearImage;
-use unwater::pipeline::{Options, Silent, correct};
+use unwater::run::correct;
+use unwater::session::{Options, Silent};
 
 fn dive() -> Dive {
     Dive { seed: 161, frames: 14, ..Dive::default() }

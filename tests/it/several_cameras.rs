@@ -7,11 +7,12 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use unwater::error::Error;
 use unwater::messages::Decoder;
 use unwater::messages::writer::{WireFormat, Writer};
-use unwater::pipeline::survey::Selection;
-use unwater::pipeline::{Options, Silent, correct, correct_all, prepare};
 use unwater::products::dive::CorrectedLog;
 use unwater::products::page::page;
 use unwater::recording::{Entry, Message, Recording, Window};
+use unwater::run::{correct, correct_all};
+use unwater::session::survey::Selection;
+use unwater::session::{Options, Silent, prepare};
 
 const TWO: &str = "camera_two_optical_frame";
 

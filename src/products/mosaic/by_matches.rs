@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::error::Result;
 use crate::estimate::{FrameSamples, Matchable, matches};
-use crate::pipeline::bench::Bench;
+use crate::run::bench::Bench;
 
 /// How many frames back a frame is joined to, where the one before shows nothing it shows.
 const BACK: usize = 3;

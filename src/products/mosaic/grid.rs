@@ -8,8 +8,8 @@ use super::Laid;
 use crate::error::Result;
 use crate::geometry::View;
 use crate::image::LinearImage;
-use crate::pipeline::bench::{Bench, BenchFrame};
 use crate::products::pictures::downscale;
+use crate::run::bench::{Bench, BenchFrame};
 use crate::vehicle::{Camera, Rig};
 
 /// Pixels of a strip, at most, and of its longer side.

@@ -19,10 +19,10 @@ use super::pictures::downscale;
 use super::places::Places;
 use crate::error::Result;
 use crate::image::LinearImage;
-use crate::pipeline::Options;
-use crate::pipeline::bench::Bench;
 use crate::plot::escape_markup;
 use crate::recording::Window;
+use crate::run::bench::Bench;
+use crate::session::Options;
 
 /// Frames whose channel means are taken (Fig. 6); more make the figure no clearer.
 const MEANS_OF_FRAMES: usize = 120;
@@ -188,7 +188,7 @@ fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Result<Vec<
         corrected.iter().copied().step_by(step).chain(shown.iter().copied()).collect();
     let altitudes: BTreeMap<u64, f64> =
         camera.corrected().map(|(_, f)| (f.log_time, f.altitude_m)).collect();
-    let index_of = |(index, frame): (usize, &crate::pipeline::scan::FrameRef)| {
+    let index_of = |(index, frame): (usize, &crate::session::index::FrameRef)| {
         wanted.contains(&u64::try_from(frame.logged.0).unwrap_or_default()).then_some(index)
     };
     let chosen: BTreeSet<usize> =

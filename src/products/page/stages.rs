@@ -9,8 +9,8 @@ use super::Figure;
 use crate::config::{Method, WhiteBalance};
 use crate::image::LinearImage;
 use crate::model::ScatterTable;
-use crate::pipeline::bench::{Bench, BenchFrame};
 use crate::plot::escape_markup;
+use crate::run::bench::{Bench, BenchFrame};
 
 /// Longest side of a stage [px].
 const SIDE: usize = 560;

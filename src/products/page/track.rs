@@ -5,8 +5,8 @@ use super::super::dive::{CameraLog, FrameRecord};
 use super::super::places::{Places, east_north, fix_at, placed};
 use super::Figure;
 use super::facts::time_of;
-use crate::pipeline::bench::Bench;
 use crate::plot::{Axis, Plot, Ramp, Shape, escape_markup};
+use crate::run::bench::Bench;
 
 /// Points of a track, at most; thinned evenly.
 const MOST_POINTS: usize = 1500;

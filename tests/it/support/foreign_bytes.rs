@@ -10,10 +10,10 @@ use unwater::image::EncodedImage;
 use unwater::image::decode::{CameraResponse, decode, describe, grey16, size};
 use unwater::messages::{Decoder, Kind, header};
 use unwater::model::ModelFile;
-use unwater::pipeline::survey::Selection;
-use unwater::pipeline::survey::survey;
-use unwater::pipeline::{Threads, scan::scan};
 use unwater::recording::{Entry, Recording, Window};
+use unwater::session::survey::Selection;
+use unwater::session::survey::survey;
+use unwater::session::{Threads, index::scan};
 use unwater::vehicle::{DvlFacts, RigFile};
 
 /// Takes whatever bytes there are.

@@ -7,9 +7,10 @@ use unwater::image::LinearImage;
 use unwater::image::decode::{CameraResponse, decode};
 use unwater::messages::{Decoder, Kind};
 use unwater::model::ModelFile;
-use unwater::pipeline::{Options, Silent, correct};
 use unwater::recording::{Entry, Recording, Window};
 use unwater::report::Report;
+use unwater::run::correct;
+use unwater::session::{Options, Silent};
 
 use super::render::{Dive, Truth};
 

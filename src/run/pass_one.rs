@@ -17,11 +17,11 @@ use crate::image::decode::{Buffers, CameraResponse, DecodedImage, decode_with};
 use crate::messages::{Decoder, Kind};
 use crate::recording::{Message, Recording};
 
-use super::chosen_frames::for_frames;
-use super::scan::{FrameRef, Scan};
-use super::survey::Survey;
-use super::{Progress, Step};
 use crate::parallel::{Threads, ordered_map};
+use crate::session::chosen_frames::for_frames;
+use crate::session::index::{FrameRef, Scan};
+use crate::session::survey::Survey;
+use crate::session::{Progress, Step};
 
 /// Frames in a row that pass one takes before it jumps on; overlap needs neighbours.
 const STRETCH: usize = 12;

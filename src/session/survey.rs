@@ -24,7 +24,7 @@ use crate::recording::Recording;
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Camera, ResponseFacts, Rig, RigFile, SettingSeries};
 
-use super::scan::{ChannelScan, FrameRef, Scan};
+use super::index::{ChannelScan, FrameRef, Scan};
 use choose::{choose_camera, choose_ranges};
 pub use facts::{facts_without_ranges, rig_facts};
 use lights::strobe_mount;

@@ -15,7 +15,7 @@ use crate::recording::{
 };
 use crate::report::{Reason, Report};
 
-use super::{Progress, Step};
+use crate::session::{Progress, Step};
 
 mod blocks;
 mod frame_messages;
@@ -347,7 +347,7 @@ impl PassTwo<'_> {
                 ("corrected_topic", report.corrected_topic.clone()),
                 ("dvl_topic", report.dvl_topic.clone()),
                 ("method", report.method.clone()),
-                ("model_sha256", super::sha256(model_json.as_bytes())),
+                ("model_sha256", crate::session::sha256(model_json.as_bytes())),
                 ("source", report.source.clone()),
                 ("source_sha256", self.source_sha256.into()),
                 ("configuration", config_toml),

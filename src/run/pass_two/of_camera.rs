@@ -17,9 +17,9 @@ use crate::messages::{Header, Kind, header};
 use crate::model::{ImagingModel, ModelFile};
 use crate::recording::{Message, Output, Recording, Schema};
 use crate::report::{Reason, Report};
+use crate::session::index::Scan;
+use crate::session::survey::Survey;
 
-use super::super::scan::Scan;
-use super::super::survey::Survey;
 use super::scene::Shown8;
 use super::{Added, Done, Shown, corrected_topic, method_name, output_container};
 

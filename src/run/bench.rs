@@ -3,9 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use super::chosen_frames::for_frames;
 use super::model_of::strobe_of;
-use super::{BEAM_REFINED, BEAM_ROUGHEST, Prepared, glow_table};
+use super::{BEAM_REFINED, BEAM_ROUGHEST, glow_table};
 use crate::config::{Config, Method, WhiteBalance};
 use crate::correct::{Correction, Frame, MeanFrames, estimate_rendering};
 use crate::error::{Error, Result};
@@ -18,6 +17,8 @@ use crate::messages::Kind;
 use crate::model::{ImagingModel, ModelFile, RenderingFile, ScatterTable};
 use crate::parallel::Threads;
 use crate::recording::Message;
+use crate::session::Prepared;
+use crate::session::chosen_frames::for_frames;
 use crate::units::Stamp;
 use crate::vehicle::Camera;
 

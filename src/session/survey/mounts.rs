@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 use crate::messages::FrameTransform;
 use crate::recording::Recording;
 
-use super::super::scan::Scan;
+use super::super::index::Scan;
 
 /// The TF tree of a log: edges by child.
 pub struct Mounts<'s> {

@@ -1,9 +1,8 @@
 //! What pass one collected → one model, and a model's strobe and exposure as the rest of the
-//! pipeline wants them.
+//! run wants them.
 
 use super::mount_words::mount_check;
 use super::pass_one::Collected;
-use super::{Options, Prepared};
 use crate::config::{Config, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::estimate_rendering;
@@ -18,6 +17,7 @@ use crate::model::{
     BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, LampFile,
     LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
 };
+use crate::session::{Options, Prepared};
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount};
 
 /// Samples of all logs → one model.

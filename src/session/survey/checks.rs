@@ -6,7 +6,7 @@ use crate::recording::Recording;
 use crate::units::{SlantRange, Stamp};
 use crate::vehicle::{Beam, Camera, Ping, RangeKind, RigFile};
 
-use super::super::scan::{ChannelScan, Scan};
+use super::super::index::{ChannelScan, Scan};
 use crate::coordinates::Direction;
 
 /// Fewer messages say nothing.

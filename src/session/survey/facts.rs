@@ -5,7 +5,7 @@ use crate::messages::Kind;
 use crate::recording::Recording;
 use crate::vehicle::{CameraFacts, LampFacts, MountFacts, Rig, RigFile, StrobeMount};
 
-use super::super::scan::{ChannelScan, Scan};
+use super::super::index::{ChannelScan, Scan};
 use super::choose::choose_camera;
 use super::lights::strobe_mount;
 use super::mounts::Mounts;

@@ -14,13 +14,13 @@
 use nalgebra::Vector3;
 
 use super::pass_one::{Collected, collect};
-use super::survey::Survey;
-use super::{Options, Prepared, Silent};
 use crate::config::SeafloorConfig;
 use crate::error::Result;
 use crate::estimate::MatchedPair;
 use crate::geometry::{SeafloorEstimator, SeafloorPlane, SeafloorPoint, View};
 use crate::parallel::{Threads, ordered_map};
+use crate::session::survey::Survey;
+use crate::session::{Options, Prepared, Silent};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
 

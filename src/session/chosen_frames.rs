@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::scan::FrameRef;
+use super::index::FrameRef;
 use crate::error::Result;
 use crate::parallel::{Job, Threads};
 use crate::recording::{Entry, Message, Recording, Window};

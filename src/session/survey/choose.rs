@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::scan::{ChannelScan, Scan};
+use super::super::index::{ChannelScan, Scan};
 use super::{Selection, channel_list, topic};
 use crate::error::{Error, Result};
 use crate::messages::Kind;
