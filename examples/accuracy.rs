@@ -312,7 +312,12 @@ fn exponent_off(o: &Outcome) -> f64 {
 fn exponents(judged: &[Judged]) -> String {
     let held = judged.iter().filter_map(|j| {
         let std =
-            j.0.verdict.model.estimators.get("joint")?.details.get("spreading_exponent_std")?;
+            j.0.verdict
+                .model
+                .estimators
+                .get(&Estimator::Joint)?
+                .details
+                .get("spreading_exponent_std")?;
         Some(exponent_off(&j.0) <= 1.96 * std)
     });
     format!(

@@ -104,7 +104,19 @@ impl Default for MatchingConfig {
 }
 
 /// Which estimator of the attenuation is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    clap::ValueEnum,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {
     /// joint where frames overlap, else pairs, else altitude
@@ -116,6 +128,18 @@ pub enum Estimator {
     Pairs,
     /// slope of log colour against altitude (Fig. 6), Eq. 17 for the beam pattern
     Altitude,
+}
+
+impl Estimator {
+    /// Its name in files and on the command line.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Joint => "joint",
+            Self::Pairs => "pairs",
+            Self::Altitude => "altitude",
+        }
+    }
 }
 
 /// How light spreads.

@@ -17,12 +17,12 @@ use std::fmt::{Display, Formatter};
 
 use serde::{Deserialize, Serialize, Serializer};
 
-pub use camera::Camera;
-pub use clock::{Clock, OffsetUnknown};
-pub use estimate::{Estimate, NoAnswer, NotIdentified};
-pub use mounts::Mounts;
-pub use ranges::Ranges;
-pub use recording::Log;
+pub use camera::CameraFact;
+pub use clock::{ClockFact, OffsetUnknown};
+pub use estimate::{EstimateFact, NoAnswer, NotIdentified};
+pub use mounts::MountFact;
+pub use ranges::RangeFact;
+pub use recording::LogFact;
 pub use uncorrected::{Reason, Uncorrected};
 
 /// What a diagnostic means for the result.
@@ -168,12 +168,12 @@ macro_rules! families {
 }
 // The last takes what none of the others can read.
 families!(
-    Camera,
-    Clock,
-    Mounts,
-    Ranges,
-    Log,
-    Estimate,
+    CameraFact,
+    ClockFact,
+    MountFact,
+    RangeFact,
+    LogFact,
+    EstimateFact,
     NotIdentified,
     NoAnswer,
     Uncorrected,
@@ -219,7 +219,22 @@ impl Diagnostic {
     /// What can be done about it.
     pub fn remedy(&self) -> Option<String> {
         let remedy = self.fact.remedy()?;
-        Some(self.topic.as_ref().map_or(remedy.clone(), |topic| remedy.replace("<topic>", topic)))
+        Some(remedy.replace("<topic>", self.topic.as_deref().unwrap_or("TOPIC")))
+    }
+
+    /// Text and remedy in one line.
+    pub fn with_remedy(&self) -> String {
+        self.remedy().map_or_else(|| self.to_string(), |remedy| format!("{self}; {remedy}"))
+    }
+
+    /// Whether it is about frames that passed uncorrected.
+    pub fn is_uncorrected(&self) -> bool {
+        matches!(self.fact, Fact::Uncorrected(_))
+    }
+
+    /// Whether it is why attenuation is not identified.
+    pub fn is_not_identified(&self) -> bool {
+        matches!(self.fact, Fact::NotIdentified(_))
     }
 }
 
@@ -233,6 +248,9 @@ impl Display for Diagnostic {
             if let Some(topic) = &self.topic {
                 write!(f, "{topic}: ")?;
             }
+        }
+        if matches!(self.fact, Fact::NotIdentified(_)) {
+            f.write_str("attenuation is not identified: ")?;
         }
         self.fact.fmt(f)
     }
@@ -264,12 +282,6 @@ impl Serialize for Diagnostic {
     }
 }
 
-/// Texts of one severity, in order.
-pub fn texts(diagnostics: &[Diagnostic], severity: Severity) -> Vec<String> {
-    let of_severity = diagnostics.iter().filter(|d| d.severity() == severity);
-    of_severity.map(ToString::to_string).collect()
-}
-
 /// Diagnostics of a file of an earlier version, which has texts alone.
 pub fn of_texts(infos: &[String], warnings: &[String]) -> Vec<Diagnostic> {
     let of = |texts: &[String], severity| -> Vec<Diagnostic> {
@@ -286,12 +298,12 @@ mod tests {
 
     fn each() -> Vec<Diagnostic> {
         let mut all: Vec<Diagnostic> = Vec::new();
-        all.extend(Camera::each().into_iter().map(Diagnostic::from));
-        all.extend(Clock::each().into_iter().map(Diagnostic::from));
-        all.extend(Mounts::each().into_iter().map(Diagnostic::from));
-        all.extend(Ranges::each().into_iter().map(Diagnostic::from));
-        all.extend(Log::each().into_iter().map(Diagnostic::from));
-        all.extend(Estimate::each().into_iter().map(Diagnostic::from));
+        all.extend(CameraFact::each().into_iter().map(Diagnostic::from));
+        all.extend(ClockFact::each().into_iter().map(Diagnostic::from));
+        all.extend(MountFact::each().into_iter().map(Diagnostic::from));
+        all.extend(RangeFact::each().into_iter().map(Diagnostic::from));
+        all.extend(LogFact::each().into_iter().map(Diagnostic::from));
+        all.extend(EstimateFact::each().into_iter().map(Diagnostic::from));
         all.extend(NotIdentified::each().into_iter().map(Diagnostic::from));
         all.extend(NoAnswer::each().into_iter().map(Diagnostic::from));
         let of = |reason| Diagnostic::from(Uncorrected { frames: 3, reason });
@@ -325,7 +337,7 @@ mod tests {
 
     #[test]
     fn numbers_stand_beside_the_text_and_the_topic_in_the_remedy() {
-        let found = Clock::OffsetFound { offset_s: -0.25, std_s: 0.01, time_offset_s: 0.5 };
+        let found = ClockFact::OffsetFound { offset_s: -0.25, std_s: 0.01, time_offset_s: 0.5 };
         let json = serde_json::to_value(Diagnostic::on("/dvl", found)).expect("JSON");
         assert_eq!((&json["offset_s"], &json["severity"]), (&(-0.25).into(), &"warning".into()));
         let remedy = json["remedy"].as_str().expect("a remedy");

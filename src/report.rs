@@ -4,40 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use crate::diagnostics::{self, Diagnostic, LogFact, Severity};
 use crate::recording::Damage;
-
-/// Why a frame passed through uncorrected.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reason {
-    /// the picture cannot be decoded
-    Undecodable(String),
-    /// its size does not fit the calibration
-    WrongSize,
-    /// no ping near enough in time
-    NoPing,
-    /// pings, but no return
-    NoReturn,
-    /// a plane through the vehicle
-    ImpossiblePlane,
-    /// no pixel meets the floor
-    OffSurface,
-    /// the corrected picture cannot be encoded
-    Unencodable(String),
-}
-
-impl std::fmt::Display for Reason {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Undecodable(why) => write!(f, "the picture cannot be decoded ({why})"),
-            Self::WrongSize => f.write_str("the picture's shape does not fit the calibration"),
-            Self::NoPing => f.write_str("no range to the seafloor near enough in time"),
-            Self::NoReturn => f.write_str("no sonar beam came back"),
-            Self::ImpossiblePlane => f.write_str("the ranges give no plausible seafloor"),
-            Self::OffSurface => f.write_str("no pixel looks at the seafloor"),
-            Self::Unencodable(why) => write!(f, "the corrected picture cannot be encoded ({why})"),
-        }
-    }
-}
 
 /// The account of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -67,13 +35,8 @@ pub struct Report {
     pub camera_altitude_m: Option<[f64; 2]>,
     /// mean shares over the corrected frames
     pub mean_shares: BTreeMap<String, f64>,
-    /// cameras that were left as they are, and why, where the log has several
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub cameras_left_out: Vec<String>,
-    /// what had to be assumed or mended
-    pub remarks: Vec<String>,
-    /// what may make the result worse
-    pub warnings: Vec<String>,
+    /// what was assumed, what may make the result worse, what is missing in the output
+    pub diagnostics: Vec<Diagnostic>,
     /// what could not be read
     pub damage: Vec<Damage>,
     /// messages copied and messages added
@@ -83,9 +46,34 @@ pub struct Report {
 }
 
 impl Report {
+    /// Reads a report, also of an earlier version, which has texts and no codes.
+    pub fn from_json(text: &str) -> serde_json::Result<Self> {
+        #[derive(Default, Deserialize)]
+        #[serde(default)]
+        struct Texts {
+            remarks: Vec<String>,
+            warnings: Vec<String>,
+        }
+        let mut report: Self = serde_json::from_str(text)?;
+        let Texts { remarks, warnings } = serde_json::from_str(text)?;
+        report.diagnostics.extend(diagnostics::of_texts(&remarks, &warnings));
+        Ok(report)
+    }
+
+    /// Diagnostics of one severity, in order.
+    pub fn of(&self, severity: Severity) -> impl Iterator<Item = &Diagnostic> {
+        self.diagnostics.iter().filter(move |d| d.severity() == severity)
+    }
+
     /// Whether something was lost on the way: the third state between done and failed.
     pub fn has_losses(&self) -> bool {
-        !self.uncorrected.is_empty() || !self.damage.is_empty() || !self.cameras_left_out.is_empty()
+        self.of(Severity::Loss).next().is_some()
+    }
+
+    /// Makes damage a loss.
+    pub fn count_damage(&mut self) {
+        let places = self.damage.len();
+        self.diagnostics.extend((places > 0).then_some(LogFact::Damage { places }.into()));
     }
 
     /// As JSON.

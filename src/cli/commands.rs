@@ -13,6 +13,7 @@ use super::{
     Cli, Command, ConfigArgs, Correct, Ended, EstimateArgs, EstimateOptions, Inspect,
     RenderOptions, init, layout, papers, products,
 };
+use crate::diagnostics::{Diagnostic, EstimateFact, Severity};
 use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
@@ -72,34 +73,28 @@ fn correct(args: &Correct) -> Result<Ended> {
     }
     let model = model_file(args.model.as_deref())?;
     if model.is_some() && args.estimate != EstimateOptions::default() && !args.shared.quiet {
-        complain(
-            &["options of estimating do nothing with --model: the model says how it was made"
-                .into()],
-            &[],
-            0,
-        );
+        complain(&[EstimateFact::OptionsIgnored.into()], 0);
     }
     let (given, begun) = (model.is_some(), std::time::Instant::now());
     let cameras =
         run::correct_all(&args.input, &output, model, &options, &Bar::new(args.shared.quiet))?;
     for (report, _) in &cameras {
         if !args.shared.quiet {
-            complain(&report.warnings, &report.remarks, args.shared.verbose);
+            complain(&report.diagnostics, args.shared.verbose);
         }
-        // Losses are said in any case: they are why the exit status is 3.
+        // Losses are reported in any case: they are why the exit status is 3. The summary has the
+        // frames that were not corrected.
+        let is_shown = |d: &&Diagnostic| args.shared.quiet || !d.is_uncorrected();
+        for loss in report.of(Severity::Loss).filter(is_shown) {
+            eprintln!("lost: {}", loss.with_remedy());
+        }
         for damage in &report.damage {
             let when = if damage.end_ns == 0 {
                 "time unknown".into()
             } else {
                 format!("log time {} to {}", damage.start_ns, damage.end_ns)
             };
-            eprintln!("lost: {} (byte {}, {when})", damage.reason, damage.offset);
-        }
-        for (reason, frames) in report.uncorrected.iter().filter(|_| args.shared.quiet) {
-            eprintln!("left as they are: {frames} of {} frames: {reason}", report.frames);
-        }
-        for camera in &report.cameras_left_out {
-            eprintln!("left as it is: {camera}");
+            eprintln!("  {} (byte {}, {when})", damage.reason, damage.offset);
         }
     }
     match &cameras[..] {
@@ -147,14 +142,17 @@ pub(super) fn model_file(path: Option<&Path>) -> Result<Option<ModelFile>> {
     })
 }
 
-fn complain(warnings: &[String], remarks: &[String], verbose: u8) {
+/// Warnings, and infos where they are asked for.
+fn complain(diagnostics: &[Diagnostic], verbose: u8) {
     let paint = Paint::of_stderr();
-    for warning in warnings {
+    let of = |severity| diagnostics.iter().filter(move |d| d.severity() == severity);
+    for warning in of(Severity::Warning) {
         eprintln!("{} {warning}", paint.warning("warning:"));
+        if let Some(remedy) = warning.remedy() {
+            eprintln!("  help: {remedy}");
+        }
     }
-    for remark in remarks.iter().filter(|_| verbose > 0) {
-        eprintln!("note: {remark}");
-    }
+    of(Severity::Info).filter(|_| verbose > 0).for_each(|info| eprintln!("note: {info}"));
 }
 
 fn estimate(args: &EstimateArgs) -> Result<Ended> {
@@ -168,16 +166,10 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
         }
     }
     let inputs: Vec<&Path> = args.inputs.iter().map(PathBuf::as_path).collect();
-    let (model, warnings) = run::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
+    let (model, diagnostics) = run::estimate_logs(&inputs, &options, &Bar::new(args.shared.quiet))?;
     if !args.shared.quiet {
-        complain(&warnings, &[], args.shared.verbose);
-        complain(&model.warnings, &[], args.shared.verbose);
-        if let Some(why) = &model.not_identified_because {
-            eprintln!(
-                "{} attenuation is not identified: {why}",
-                Paint::of_stderr().warning("warning:")
-            );
-        }
+        complain(&diagnostics, args.shared.verbose);
+        complain(&model.diagnostics, args.shared.verbose);
     }
     if to_stdout {
         say(&model.to_json());
@@ -272,7 +264,7 @@ fn inspect(args: &Inspect) -> Result<Ended> {
         "attachments": recording.attachments().count(),
         "metadata": recording.metadata.iter().map(|m| m.name.clone()).collect::<Vec<_>>(),
         "damage": damage,
-        "notes": recording.notes(),
+        "diagnostics": recording.diagnostics(),
         "channels": channels,
         "plan": plans.first(),
         "plans": plans,
@@ -301,7 +293,7 @@ fn each_plan(
             Ok(prepared) => {
                 let mut plan = plan(&prepared.survey, &chosen);
                 if with_clocks && let Ok(found) = clock_offsets(&prepared, &chosen) {
-                    plan["clocks"] = json!(found.sentences(&prepared.survey, &chosen.rig));
+                    plan["clocks"] = json!(found.diagnostics(&prepared.survey, &chosen.rig));
                 }
                 plans.push(plan);
             }
@@ -342,9 +334,14 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
         "corrected_topic": corrected_topic(&s.camera_topic, container != Container::Raw),
         "threads": threads,
         "memory_at_most_bytes": memory,
-        "remarks": s.remarks,
-        "warnings": s.warnings,
+        "diagnostics": s.diagnostics,
     })
+}
+
+/// A diagnostic in JSON as text, with its remedy below.
+fn told(kind: &str, diagnostic: &serde_json::Value, line: &mut dyn FnMut(String)) {
+    line(format!("  {kind}: {}", diagnostic["text"].as_str().unwrap_or("")));
+    diagnostic["remedy"].as_str().into_iter().for_each(|r| line(format!("    help: {r}")));
 }
 
 fn inspect_text(d: &serde_json::Value) -> String {
@@ -382,8 +379,8 @@ fn inspect_text(d: &serde_json::Value) -> String {
             ));
         }
     }
-    for note in list(&d["notes"]) {
-        line(format!("note: {}", word(&note)));
+    for diagnostic in list(&d["diagnostics"]) {
+        line(format!("note: {}", word(&diagnostic["text"])));
     }
     for damage in list(&d["damage"]) {
         let when = if damage["end_ns"] == 0 {
@@ -421,13 +418,11 @@ fn inspect_text(d: &serde_json::Value) -> String {
         let memory = plan["memory_at_most_bytes"].as_f64().unwrap_or(f64::NAN) / 1e6;
         line(format!("  memory at most {memory:.0} MB with {} threads", plan["threads"]));
         for clock in list(&plan["clocks"]) {
-            line(format!("  clock: {}", word(&clock)));
+            told("clock", &clock, &mut line);
         }
-        for remark in list(&plan["remarks"]) {
-            line(format!("  note: {}", word(&remark)));
-        }
-        for warning in list(&plan["warnings"]) {
-            line(format!("  warning: {}", word(&warning)));
+        for diagnostic in list(&plan["diagnostics"]) {
+            let is_info = diagnostic["severity"] == json!(Severity::Info);
+            told(if is_info { "note" } else { "warning" }, &diagnostic, &mut line);
         }
     }
     if let Some(missing) = d["missing"].as_str() {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::commands::{say, write_text};
 use super::{Ended, EstimateOptions, Init, RenderOptions};
+use crate::diagnostics::{Diagnostic, Severity};
 use crate::error::{Error, Result};
 use crate::session::{self, Options, survey};
 use crate::vehicle::{MountFacts, RigFile};
@@ -29,7 +30,7 @@ pub fn run(args: &Init) -> Result<Ended> {
 fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)> {
     let (recording, mut scan) = session::open(input, options)?;
     match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
-        Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), s.warnings)),
+        Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), warnings(&s))),
         Err(
             e @ (Error::NoMount { .. }
             | Error::NoCalibration { .. }
@@ -79,7 +80,7 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
                         if open_dvl {
                             facts.dvl.mount = None;
                         }
-                        return Ok((facts, s.warnings));
+                        return Ok((facts, warnings(&s)));
                     }
                     Err(next) => last = next,
                 }
@@ -92,6 +93,11 @@ fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)
         }
         Err(e) => Err(e),
     }
+}
+
+fn warnings(survey: &survey::Survey) -> Vec<String> {
+    let warnings = survey.diagnostics.iter().filter(|d| d.severity() == Severity::Warning);
+    warnings.map(Diagnostic::with_remedy).collect()
 }
 
 fn rig_text(facts: &RigFile, input: &Path, notes: &[String]) -> String {

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::paint::Paint;
+use crate::diagnostics::Severity;
 use crate::model::ModelFile;
 use crate::report::Report;
 
@@ -65,7 +66,7 @@ pub fn summary(
             share("off_surface")
         ),
     );
-    match report.warnings.len() {
+    match report.of(Severity::Warning).count() {
         0 => {}
         1 => line("warnings", &paint.warning("1, above")),
         n => line("warnings", &paint.warning(&format!("{n}, above"))),
@@ -115,8 +116,8 @@ pub fn attenuation(model: &ModelFile, paint: Paint) -> String {
     format!(
         "{} per metre ({}, {} estimator{sure})",
         bands.join(" / "),
-        model.attenuation_kind,
-        model.estimator
+        model.attenuation_kind.word(),
+        model.estimator.word()
     )
 }
 
@@ -133,6 +134,7 @@ pub fn duration(took: Duration) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnostics::MountFact;
 
     const MODEL: &str = r#"{"format": "unwater-model", "version": 1, "spreading": "strobe", "spreading_exponents": [2.0, 0.0], "incidence": true,
         "attenuation_per_m": [0.45, 0.14, 0.1], "attenuation_std_per_m": [0.001, 0.001, null], "attenuation_kind": "physical", "identified": true,
@@ -148,7 +150,7 @@ mod tests {
             planes: [("least squares".to_string(), 19)].into(),
             camera_altitude_m: Some([1.612, 2.737]),
             mean_shares: [("gain_capped".to_string(), 0.0006)].into(),
-            warnings: vec!["dark".into()],
+            diagnostics: vec![MountFact::StrobeUnknown.into()],
             ..Report::default()
         }
     }

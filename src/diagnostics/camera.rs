@@ -4,7 +4,7 @@ use super::facts;
 
 facts! {
     /// Facts about a camera, its images and its calibration.
-    Camera {
+    CameraFact {
         Info "raw-images-preferred" RawPreferred { compressed_topic: String },
             text("is used, not {compressed_topic}");
         Warning "calibration-is-a-field-of-view" FieldOfViewOnly,

@@ -30,7 +30,7 @@ impl std::fmt::Display for OffsetUnknown {
 
 facts! {
     /// Facts about the stamps of a topic.
-    Clock {
+    ClockFact {
         Warning "stamps-missing" Missing { missing: u64, messages: u64 },
             text("{missing} of {messages} messages have no stamp or a stamp of 0; log time is \
                   used for them"),

@@ -8,7 +8,10 @@ const OTHER_MODEL: &str = "a segment of the dive where altitude changes by 15 % 
 
 facts! {
     /// Facts about a model.
-    Estimate {
+    EstimateFact {
+        Warning "estimation-options-ignored" OptionsIgnored,
+            text("estimation options are ignored with --model"),
+            remedy("leave them out, or estimate anew without --model");
         Warning "strobe-drop-outs" DropOuts { frames: usize },
             text("{frames} frames are lit differently from their neighbours (strobe drop-outs); \
                   they are compensated"),

@@ -4,7 +4,7 @@ use super::facts;
 
 facts! {
     /// Facts about where sensors and strobe sit.
-    Mounts {
+    MountFact {
         Info "frame-replaced" FrameReplaced { frame: String, used: String },
             text("its frame {frame:?} is not in the TF tree; {used:?} is used instead");
         Info "attitude-missing" NoAttitude,

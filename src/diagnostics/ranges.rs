@@ -4,7 +4,7 @@ use super::facts;
 
 facts! {
     /// Facts about the messages of a range instrument.
-    Ranges {
+    RangeFact {
         Info "wide-sonar-cone" WideCone,
             text("a wide sonar cone: its range is used as an altitude");
         Info "no-beams" NoBeams,

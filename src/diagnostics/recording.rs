@@ -4,7 +4,7 @@ use super::facts;
 
 facts! {
     /// Facts about a log as a file, and about its channels.
-    Log {
+    LogFact {
         Info "messages-outside-chunks" OutsideChunks { messages: u64 },
             text("{messages} messages lie outside of chunks, without a checksum that would show \
                   damage; rerun shows none of them");
@@ -29,12 +29,8 @@ facts! {
         Loss "camera-left-out" CameraLeftOut { reason: String },
             text("the camera is not corrected: {reason}"),
             remedy("correct it alone with --camera <topic>");
-        Loss "damage" Damage { offset: u64, start_ns: u64, end_ns: u64, reason: String },
-            text("{reason} (byte {offset}, {})", when(*start_ns, *end_ns)),
+        Loss "damage" Damage { places: usize },
+            text("places of the log that cannot be read: {places}"),
             remedy("look for an undamaged copy; all else is in the output");
     }
-}
-
-fn when(start_ns: u64, end_ns: u64) -> String {
-    if end_ns == 0 { "time unknown".into() } else { format!("log time {start_ns} to {end_ns}") }
 }

@@ -7,6 +7,7 @@ use super::pairs;
 use super::samples::FrameSamples;
 
 use crate::config::{EstimateConfig, Spreading};
+use crate::diagnostics::{NoAnswer, NotIdentified};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
@@ -19,9 +20,8 @@ use crate::solver::{
 use crate::stats;
 use crate::units::Stamp;
 
-/// Samples and grid → an answer, or a sentence why there is none.
-pub type EstimatorOf =
-    fn(&Dataset<'_>, BeamGrid, &EstimateConfig) -> std::result::Result<Candidate, String>;
+/// Samples and grid → an answer, or why there is none.
+pub type EstimatorOf = fn(&Dataset<'_>, BeamGrid, &EstimateConfig) -> Result<Candidate, NoAnswer>;
 
 /// One estimator's answer, ready to be the model.
 pub struct Candidate {
@@ -147,14 +147,8 @@ pub fn by_joint_solve(
     data: &Dataset<'_>,
     nodes: BeamGrid,
     config: &EstimateConfig,
-) -> std::result::Result<Candidate, String> {
-    if data.tracks.len() < config.least_pairs {
-        return Err(format!(
-            "{} points seen more than once; {} are needed",
-            data.tracks.len(),
-            config.least_pairs
-        ));
-    }
+) -> Result<Candidate, NoAnswer> {
+    enough_tracks(data, config)?;
     let spreading = SpreadingModel::of(config.spreading);
     let bands = data.bands();
     let fit = config.spreading == Spreading::Fit;
@@ -169,8 +163,8 @@ pub fn by_joint_solve(
         free_strobe: data.strobe_is_free,
         ..data.setup(nodes, config)
     };
-    let mut answer = solve(tracks, &setup, data.lamps, &sample_path)
-        .ok_or("the points seen more than once do not hold the unknowns")?;
+    let mut answer =
+        solve(tracks, &setup, data.lamps, &sample_path).ok_or(NoAnswer::Undetermined)?;
     let plain = Setup { scatter: None, rounds: FEW_ROUNDS, ..setup };
     let without_backscatter =
         setup.scatter.and_then(|_| solve(tracks, &plain, data.lamps, &sample_path));
@@ -312,27 +306,22 @@ pub fn completed(
 }
 
 /// Eq. 16 and 17 know one strobe.
-fn one_lamp(data: &Dataset<'_>) -> std::result::Result<(), String> {
-    if data.lamps.lamps().len() == 1 {
-        Ok(())
-    } else {
-        Err("several lamps shine; the joint solve alone tells them apart".into())
-    }
+fn one_lamp(data: &Dataset<'_>) -> Result<(), NoAnswer> {
+    if data.lamps.lamps().len() == 1 { Ok(()) } else { Err(NoAnswer::SeveralLamps) }
+}
+
+fn enough_tracks(data: &Dataset<'_>, config: &EstimateConfig) -> Result<(), NoAnswer> {
+    let (tracks, needed) = (data.tracks.len(), config.least_pairs);
+    if tracks < needed { Err(NoAnswer::FewTracks { tracks, needed }) } else { Ok(()) }
 }
 
 pub fn by_pairs(
     data: &Dataset<'_>,
     nodes: BeamGrid,
     config: &EstimateConfig,
-) -> std::result::Result<Candidate, String> {
+) -> Result<Candidate, NoAnswer> {
     one_lamp(data)?;
-    if data.tracks.len() < config.least_pairs {
-        return Err(format!(
-            "{} points seen more than once; {} are needed",
-            data.tracks.len(),
-            config.least_pairs
-        ));
-    }
+    enough_tracks(data, config)?;
     let (spreading, bands) = (SpreadingModel::of(config.spreading), data.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes); // "assume BP ≈ 1", §IV-B
     let path = |o: &Observation| data.path(o);
@@ -342,7 +331,7 @@ pub fn by_pairs(
         let model = model_of([0.0; 3], beam);
         let known = |p: &LightPath| model.log_radiance(p, Removal::FULL.without_attenuation())[0];
         pairs::attenuation(data.tracks, bands, config.attenuation_floor_per_m, &path, &known)
-            .ok_or_else(|| String::from("path lengths do not differ within the pairs"))
+            .ok_or(NoAnswer::EqualPathLengths)
     };
     let first = pairs(&beam_pattern)?;
     let mut answer = first.clone();
@@ -401,16 +390,15 @@ pub fn by_altitude(
     data: &Dataset<'_>,
     nodes: BeamGrid,
     config: &EstimateConfig,
-) -> std::result::Result<Candidate, String> {
+) -> Result<Candidate, NoAnswer> {
     one_lamp(data)?;
     let spread = data.altitude_spread();
     if data.frames.len() < 5 || !data.altitude_varies(config) {
-        return Err(format!(
-            "the highest altitude is {spread:.2} times the lowest over {} frames; {:.2} times is \
-             needed",
-            data.frames.len(),
-            config.least_altitude_spread
-        ));
+        return Err(NoAnswer::AltitudeRange {
+            altitude_ratio: spread,
+            frames: data.frames.len(),
+            needed_ratio: config.least_altitude_spread,
+        });
     }
     let (spreading, bands) = (SpreadingModel::of(config.spreading), data.bands());
     let mut beam_pattern = BeamPattern::uniform(nodes);
@@ -421,7 +409,7 @@ pub fn by_altitude(
         let model = model_of([0.0; 3], beam);
         let known = |p: &LightPath| model.log_radiance(p, Removal::FULL.without_attenuation())[0];
         altitude_slope::attenuation(data.frames, bands, &path, &known)
-            .ok_or_else(|| String::from("too few frames share a part of the picture that is lit"))
+            .ok_or(NoAnswer::FewSharedCells)
     };
     let mut answer = slope(&beam_pattern)?;
     for _ in 0..config.sweeps {
@@ -463,29 +451,21 @@ pub fn not_identified(
     candidate: &Candidate,
     data: &Dataset<'_>,
     config: &EstimateConfig,
-) -> Option<String> {
+) -> Option<NotIdentified> {
     let model = &candidate.model;
     let spread = data.altitude_spread();
     let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
     let least =
         model.attenuation_per_m[..model.bands].iter().copied().fold(f64::INFINITY, f64::min);
     if !data.altitude_varies(config) {
-        return Some(format!(
-            "altitude hardly varies (the highest is {spread:.2} times the lowest)"
-        ));
+        return Some(NotIdentified::AltitudeConstant { altitude_ratio: spread });
     }
-    if candidate.path_spread_m.is_some_and(|p| p < 0.05) {
-        return Some(format!(
-            "points are seen from nearly the same distance (path lengths differ by {:.3} m)",
-            candidate.path_spread_m.unwrap_or_default()
-        ));
+    if let Some(path_spread_m) = candidate.path_spread_m.filter(|p| *p < 0.05) {
+        return Some(NotIdentified::PathLengthsEqual { path_spread_m });
     }
     let frames = data.frames.len();
     if frames < LEAST_FRAMES {
-        return Some(format!(
-            "{frames} frames with a seafloor are too few to tell the water from what else \
-             changes; {LEAST_FRAMES} are needed"
-        ));
+        return Some(NotIdentified::FewFrames { frames, needed: LEAST_FRAMES });
     }
     let parted = |with: &Bands| {
         (0..model.bands).find(|b| {
@@ -495,30 +475,24 @@ pub fn not_identified(
     if let Some((with, b)) =
         data.unmodelled_backscatter.and_then(|with| Some((with, parted(&with)?)))
     {
-        return Some(format!(
-            "the water scatters light back, which is not modelled: with it {:.3} per metre would \
-             be {:.3}; leave --backscatter off away",
-            model.attenuation_per_m[b], with[b]
-        ));
+        return Some(NotIdentified::BackscatterIgnored {
+            attenuation_per_m: model.attenuation_per_m[b],
+            with_backscatter_per_m: with[b],
+        });
     }
     if let Some((low, low_std)) = &candidate.low {
         for b in 0..model.bands {
             let (all, std) = (model.attenuation_per_m[b], candidate.std_per_m[b].hypot(low_std[b]));
             if (low[b] - all).abs() > LEAST_PARTING_PER_M.max(4.0 * std) {
-                return Some(format!(
-                    "the lower half of the frames alone says {:.3} per metre where all say \
-                     {all:.3}: light that the water scatters back is not modelled, or the light \
-                     changed",
-                    low[b]
-                ));
+                return Some(NotIdentified::LowFramesDiffer {
+                    attenuation_per_m: all,
+                    low_frames_per_m: low[b],
+                });
             }
         }
     }
     if least <= 0.0 {
-        return Some(format!(
-            "an attenuation of {least:.3} per metre is not physical: altitude and light cannot be \
-             told apart in this log"
-        ));
+        return Some(NotIdentified::NotPhysical { attenuation_per_m: least });
     }
-    (worst > 0.08).then(|| format!("the estimate is uncertain by {worst:.2} per metre"))
+    (worst > 0.08).then_some(NotIdentified::Uncertain { std_per_m: worst })
 }

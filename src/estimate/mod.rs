@@ -38,6 +38,7 @@ pub use tracks::tracks;
 
 use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
 use crate::coordinates::{Body, Optical, Transform};
+use crate::diagnostics::NotIdentified;
 use crate::error::{Error, Result};
 use crate::geometry::LightPath;
 use crate::image::Bands;
@@ -63,11 +64,11 @@ pub struct Estimate {
     /// standard deviation of α [1/m]
     pub attenuation_std_per_m: Bands,
     /// which estimator's answer the model holds
-    pub estimator: &'static str,
+    pub estimator: Estimator,
     /// every estimator's answer, by name
-    pub answers: BTreeMap<String, EstimatorAnswer>,
+    pub answers: BTreeMap<Estimator, EstimatorAnswer>,
     /// why the attenuation is not identified, if it is not
-    pub not_identified_because: Option<String>,
+    pub not_identified: Option<NotIdentified>,
     /// by how much standard deviations of the solve itself are too narrow, as all frames get some
     /// things wrong alike
     pub widened: f64,
@@ -351,41 +352,39 @@ pub fn as_modelled(
 /// [`Error::NotEstimated`] where the chosen one, or all, cannot answer.
 fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
     let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let mut found: BTreeMap<&'static str, Candidate> = BTreeMap::new();
+    let mut found: BTreeMap<Estimator, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
-    let estimators: [(&str, EstimatorOf); 3] =
-        [("joint", by_joint_solve), ("pairs", by_pairs), ("altitude", by_altitude)];
+    let estimators: [(Estimator, EstimatorOf); 3] = [
+        (Estimator::Joint, by_joint_solve),
+        (Estimator::Pairs, by_pairs),
+        (Estimator::Altitude, by_altitude),
+    ];
     let said: Vec<_> = par_map(estimators.to_vec(), |(name, run)| (name, run(data, nodes, config)));
     for (name, said) in said {
         match said {
             Ok(mut candidate) => {
                 // The paper's estimators take the seafloor's own pattern for the beam's: the joint
                 // solve shows by how much.
-                if let Some(joint) = answers.get("joint") {
+                if let Some(joint) = answers.get(&Estimator::Joint) {
                     candidate.less_sure_by(joint);
                 }
-                answers.insert(name.into(), candidate.answer.clone());
+                answers.insert(name, candidate.answer.clone());
                 found.insert(name, candidate);
             }
-            Err(note) => {
-                answers.insert(
-                    name.into(),
-                    EstimatorAnswer { note: Some(note), ..EstimatorAnswer::default() },
-                );
+            Err(why) => {
+                answers.insert(name, EstimatorAnswer::none(why));
             }
         }
     }
-    let order: &[&'static str] = match config.estimator {
-        Estimator::Auto => &["joint", "pairs", "altitude"],
-        Estimator::Joint => &["joint"],
-        Estimator::Pairs => &["pairs"],
-        Estimator::Altitude => &["altitude"],
+    let order: &[Estimator] = match &config.estimator {
+        Estimator::Auto => &[Estimator::Joint, Estimator::Pairs, Estimator::Altitude],
+        one => std::slice::from_ref(one),
     };
     let chosen = order.iter().find_map(|name| found.remove_entry(name));
     let Some((estimator, candidate)) = chosen else {
         let reason = order
             .iter()
-            .filter_map(|n| Some(format!("{n}: {}", answers.get(*n)?.note.as_ref()?)))
+            .filter_map(|n| Some(format!("{}: {}", n.word(), answers.get(n)?.note.as_ref()?)))
             .collect::<Vec<_>>()
             .join("; ");
         let remedy = "use a model from another stretch or dive of the same water and strobe: \
@@ -395,21 +394,23 @@ fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
     };
     // The others know of neither scattered light nor drop-outs, and where points abound the joint
     // solve fails for a reason.
-    let without_joint =
-        || answers.get("joint")?.note.clone().filter(|_| data.tracks.len() >= config.least_pairs);
-    let stands_in = if config.estimator == Estimator::Auto && estimator != "joint" {
+    let without_joint = || {
+        let joint = answers.get(&Estimator::Joint)?;
+        joint.note.clone().filter(|_| data.tracks.len() >= config.least_pairs)
+    };
+    let stands_in = if config.estimator == Estimator::Auto && estimator != Estimator::Joint {
         without_joint()
     } else {
         None
     };
-    let not_identified_because = not_identified(&candidate, data, config)
-        .or(stands_in.map(|why| format!("the joint solve failed ({why})")));
+    let not_identified = not_identified(&candidate, data, config)
+        .or(stands_in.map(|reason| NotIdentified::JointFailed { reason }));
     Ok(Estimate {
         model: candidate.model,
         attenuation_std_per_m: candidate.std_per_m,
         estimator,
         answers,
-        not_identified_because,
+        not_identified,
         widened: candidate.widened,
     })
 }

@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use super::Dataset;
 
 use crate::config::{EstimateConfig, StrobePosition};
+use crate::diagnostics::MountFact;
 use crate::model::BeamGrid;
 use crate::solver::terms::geometry::strobe_position;
 use crate::solver::{Minimum, Problem, SETTLED, Setup, Track, minimize, sample_path, thinned};
@@ -44,8 +45,8 @@ pub struct StrobePlacement {
     pub source: Option<&'static str>,
     /// the search, where there was one
     pub search: Option<StrobeFit>,
-    /// what the user must know
-    pub warning: Option<String>,
+    /// why the position is not to be trusted
+    pub warning: Option<MountFact>,
 }
 
 /// A place that moved less than this, or less than three standard deviations, does not contradict
@@ -66,7 +67,7 @@ pub fn place_strobe(
     config: &EstimateConfig,
 ) -> StrobePlacement {
     let start = data.lamps;
-    let kept = |warning: Option<String>, search| StrobePlacement {
+    let kept = |warning: Option<MountFact>, search| StrobePlacement {
         lamps: start,
         source: None,
         search,
@@ -76,10 +77,7 @@ pub fn place_strobe(
         (StrobePosition::Auto, false) => StrobePosition::Find,
         (chosen, _) => chosen,
     };
-    let at_camera = "where the strobe sits is not known, and the log cannot tell: the light is \
-                     taken to sit at the camera, which biases attenuation; write [strobe.mount] \
-                     into a rig file";
-    let unknown = || (!is_known).then(|| String::from(at_camera));
+    let unknown = || (!is_known).then_some(MountFact::StrobeUnknown);
     // From one height the pattern takes up any place of the strobe.
     let cannot_tell = data.tracks.len() < config.least_pairs || !data.altitude_varies(config);
     if choice == StrobePosition::Fixed || cannot_tell {
@@ -115,14 +113,13 @@ pub fn place_strobe(
             && found.moved_m > CONTRADICTION_M.max(3.0 * std)
             && found.residual[1] < 0.9 * found.residual[0] =>
         {
-            let p = found.lamps.origin().vector();
-            let sentence = format!(
-                "the log contradicts the strobe's given place: it fits better {:.2} m away, at \
-                 [{:.3}, {:.3}, {:.3}] in the vehicle (± {std:.3} m; residual {:.4} instead of \
-                 {:.4}); use it with --strobe-position refine",
-                found.moved_m, p.x, p.y, p.z, found.residual[1], found.residual[0]
-            );
-            kept(Some(sentence), Some(found))
+            let contradicted = MountFact::StrobeContradicted {
+                moved_m: found.moved_m,
+                position_in_body_m: found.lamps.origin().vector().into(),
+                std_m: std,
+                residual: found.residual,
+            };
+            kept(Some(contradicted), Some(found))
         }
         _ => kept(None, Some(found)),
     }

@@ -2,7 +2,7 @@
 //!
 //! One file per shape locates the numbers ([`Report`]); this file turns them into a ping. The rig
 //! file takes precedence over the message, the message's directions over those of a known
-//! instrument. Assumptions are reported as a warning, and the message's own altitude is compared
+//! instrument. Assumptions are reported, and the message's own altitude is compared
 //! with its ranges (the survey evaluates it).
 
 use nalgebra::Vector3;
@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use super::reading::{AltitudeCheck, PingReading};
 use super::value::Value;
 use crate::coordinates::{Direction, Dvl};
+use crate::diagnostics::RangeFact;
 use crate::units::SlantRange;
 use crate::vehicle::{Beam, DvlFacts, JanusArray, RangeKind};
 
@@ -48,8 +49,8 @@ pub struct Report<'r> {
     pub directions: Directions<'r>,
 }
 
-/// Beam directions, and the warning where they are assumed or repaired.
-type Resolved = (Vec<Direction<Dvl>>, Option<String>);
+/// Beam directions, and the note where they are assumed or repaired.
+type Resolved = (Vec<Direction<Dvl>>, Option<RangeFact>);
 
 /// Whether the ranges are to a layer of water, not to the seafloor.
 pub fn is_water_track(value: &Value<'_>) -> bool {
@@ -99,16 +100,16 @@ pub fn reading(
     report: Report<'_>,
 ) -> Result<PingReading, String> {
     if is_water_track(value) {
-        return Ok(PingReading::none("water-track reports are ignored"));
+        return Ok(PingReading::none(RangeFact::WaterTrack));
     }
     let scale = facts.sound_speed_ratio.unwrap_or(1.0);
     if report.ranges.is_empty() {
         return Ok(PingReading {
-            warning: Some("the message lists no beams; its altitude is used".into()),
+            note: Some(RangeFact::NoBeams),
             ..PingReading::of_altitude(value, altitude(value).map(|a| a * scale))
         });
     }
-    let (directions, warning) = resolve(report.directions, report.ranges.len(), facts)?;
+    let (directions, note) = resolve(report.directions, report.ranges.len(), facts)?;
     let axis: Vector3<f64> =
         directions.iter().map(|d| d.vector()).sum::<Vector3<f64>>().normalize();
     let kind = facts.ranges.unwrap_or(report.kind);
@@ -135,7 +136,7 @@ pub fn reading(
             cosine: mean_cosine,
             kind,
         });
-    Ok(PingReading { warning, altitude_check, ..reading })
+    Ok(PingReading { note, altitude_check, ..reading })
 }
 
 /// The beams named in the rig file.
@@ -185,20 +186,17 @@ fn resolve(in_message: Directions<'_>, beams: usize, facts: &DvlFacts) -> Result
     }
     let known =
         |name: &str| JanusArray::named(name).ok_or_else(|| format!("unknown instrument {name}"));
-    let (array, warning) = match in_message {
+    let (array, note) = match in_message {
         Directions::Exact(directions) => return Ok((directions, None)),
         Directions::Vectors(vectors) => return checked(&vectors),
         Directions::Assumed(name) => {
             let array = known(name)?;
-            let angle = array.janus_angle_deg;
-            (array, format!("the message has no beam directions; {name} ({angle}°) is assumed"))
+            let (instrument, janus_angle_deg) = (name.into(), array.janus_angle_deg);
+            (array, RangeFact::DirectionsAssumed { instrument, janus_angle_deg })
         }
         Directions::Angle(janus_angle_deg, name) => (
             JanusArray { janus_angle_deg, ..known(name)? },
-            format!(
-                "the message has the beams' angle ({janus_angle_deg}°) but not their azimuths; \
-                 those of {name} are assumed"
-            ),
+            RangeFact::AzimuthsAssumed { instrument: name.into(), janus_angle_deg },
         ),
         Directions::Unknown => {
             return Err("the message has no beam directions; name the instrument in rig.toml: \
@@ -206,7 +204,7 @@ fn resolve(in_message: Directions<'_>, beams: usize, facts: &DvlFacts) -> Result
                 .into());
         }
     };
-    Ok((directions_of(&array, beams)?, Some(warning)))
+    Ok((directions_of(&array, beams)?, Some(note)))
 }
 
 /// Directions of sane beam vectors. Swapped sine and cosine are repaired.
@@ -223,12 +221,8 @@ fn checked(vectors: &[Vector3<f64>]) -> Result<Resolved, String> {
             let azimuths_deg = vectors.iter().map(|v| v.y.atan2(v.x).to_degrees()).collect();
             let janus_angle_deg =
                 90.0 - vectors.iter().map(off_axis_deg).sum::<f64>() / vectors.len() as f64;
-            let warning = format!(
-                "beam_unit_vec has sine and cosine swapped ({:.1}° off the axis); \
-                 {janus_angle_deg:.1}° is used",
-                90.0 - janus_angle_deg
-            );
-            return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(warning)));
+            let note = RangeFact::VectorsSwapped { janus_angle_deg };
+            return Ok((JanusArray { janus_angle_deg, azimuths_deg }.directions(), Some(note)));
         }
     }
     Err("the beam vectors are not usable (zero, not of unit length, not 12 to 35° off the axis, \
@@ -255,10 +249,10 @@ mod tests {
         let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
         let swapped: Vec<_> =
             corners.iter().map(|(x, y)| Vector3::new(0.6533 * x, 0.6533 * y, 0.3827)).collect();
-        let (directions, warning) = checked(&swapped).expect("repaired");
+        let (directions, note) = checked(&swapped).expect("repaired");
         assert!(
             (directions[0].vector() - Vector3::new(0.2706, 0.2706, 0.9239)).norm() < 1e-3
-                && warning.is_some()
+                && note.is_some_and(|n| n.code() == "beam-vectors-swapped")
         );
         assert!(checked(&[Vector3::zeros(); 4]).is_err());
         assert!(checked(&[Vector3::new(0.2706, 0.2706, 0.9239); 4]).is_err(), "four equal beams");

@@ -18,6 +18,7 @@ use super::layout::Layout;
 use super::reading::PingReading;
 use super::value::Value;
 use crate::coordinates::{Direction, Dvl};
+use crate::diagnostics::RangeFact;
 use crate::vehicle::{DvlFacts, RangeKind};
 
 const LISTS: &[&str] = &["beams", "transducers", "report.transducers", "dvl_velocity.transducers"];
@@ -42,7 +43,7 @@ pub fn matches_range(layout: &Layout, _topic: &str) -> bool {
 pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String> {
     let Some(list) = LISTS.iter().find_map(|p| value.list(p)) else {
         // A channel may carry other reports, too (Water Linked's `position_local`).
-        return Ok(PingReading::none("reports without beams are ignored"));
+        return Ok(PingReading::none(RangeFact::SomeWithoutBeams));
     };
     let has_poses = list.iter().any(|b| b.get("pose").is_some());
     let has_distances = list.iter().any(|b| b.number("distance").is_some());

@@ -9,6 +9,7 @@ use super::layout::Layout;
 use super::reading::{PingReading, missing};
 use super::value::Value;
 use crate::coordinates::Direction;
+use crate::diagnostics::RangeFact;
 use crate::vehicle::{DvlFacts, RangeKind};
 
 /// `range_validity`: 0 unknown, 1 low, 2 high, 3 valid.
@@ -32,7 +33,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         }
     }
     if ranges.is_empty() {
-        return Ok(PingReading::none("some reports have no beams"));
+        return Ok(PingReading::none(RangeFact::SomeWithoutBeams));
     }
     let slant = DvlFacts { ranges: Some(RangeKind::Slant), ..facts.clone() };
     let mut reading = dvl::reading(

@@ -7,6 +7,7 @@
 use super::layout::Layout;
 use super::reading::{PingReading, missing};
 use super::value::Value;
+use crate::diagnostics::RangeFact;
 use crate::units::SlantRange;
 use crate::vehicle::{Beam, DvlFacts, JanusArray};
 
@@ -42,9 +43,7 @@ pub fn decode(message: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, Stri
             let direction = array.directions().first().copied().ok_or("no direction")?;
             let beam = Beam { direction, range: range.map(SlantRange) };
             Ok(PingReading {
-                warning: Some(format!(
-                    "one message per beam: {JANUS_DEG}° off the axis, azimuth from its orientation"
-                )),
+                note: Some(RangeFact::MessagePerBeam { janus_angle_deg: JANUS_DEG }),
                 ..PingReading::of_beams(message, vec![beam])
             })
         }

@@ -5,6 +5,7 @@
 use super::Header;
 use super::descriptor::{self, FieldType, ProtoType};
 use super::writer::{WireFormat, Writer};
+use crate::diagnostics::{Diagnostic, Severity};
 use crate::units::Stamp;
 use crate::vehicle::Camera;
 
@@ -287,13 +288,25 @@ const ROS1_LOG: &str = concat!(
      std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 );
 
-/// Weight of a log line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// worth knowing
-    Info,
-    /// the result may suffer
-    Warn,
+/// A line of `/unwater/log`.
+pub struct LogLine {
+    severity: Severity,
+    /// `unwater`, for a diagnostic with its code: `unwater.no-ping`
+    name: String,
+    text: String,
+}
+
+impl LogLine {
+    /// A line that is no diagnostic.
+    pub fn info(text: String) -> Self {
+        Self { severity: Severity::Info, name: "unwater".into(), text }
+    }
+
+    /// A diagnostic with its remedy.
+    pub fn of(diagnostic: &Diagnostic) -> Self {
+        let name = format!("unwater.{}", diagnostic.code());
+        Self { severity: diagnostic.severity(), name, text: diagnostic.with_remedy() }
+    }
 }
 
 fn time(stamp: Stamp) -> (i32, u32) {
@@ -381,21 +394,22 @@ pub fn multi_array(wire: WireFormat, label: &str, values: &[f64]) -> Vec<u8> {
 }
 
 /// A line of a log.
-pub fn log(wire: WireFormat, stamp: Stamp, level: Level, text: &str) -> Vec<u8> {
+pub fn log(wire: WireFormat, stamp: Stamp, line: &LogLine) -> Vec<u8> {
     let (sec, nanosec) = time(stamp);
-    let level = match (wire, level) {
-        (WireFormat::Cdr, Level::Info) => 20,
-        (WireFormat::Cdr, Level::Warn) => 30,
-        (WireFormat::Ros1 | WireFormat::Protobuf, Level::Info) => 2,
-        (WireFormat::Ros1, Level::Warn) => 4,
-        (WireFormat::Protobuf, Level::Warn) => 3,
+    let LogLine { severity, name, text } = line;
+    let level = match (wire, severity) {
+        (WireFormat::Cdr, Severity::Info) => 20,
+        (WireFormat::Cdr, _) => 30,
+        (WireFormat::Ros1 | WireFormat::Protobuf, Severity::Info) => 2,
+        (WireFormat::Ros1, _) => 4,
+        (WireFormat::Protobuf, _) => 3,
     };
     let begun = Writer::new(wire);
     match wire {
         WireFormat::Cdr => begun
             .time(sec, nanosec)
             .u8(level)
-            .text("unwater")
+            .text(name)
             .text(text)
             .text("")
             .text("")
@@ -404,27 +418,23 @@ pub fn log(wire: WireFormat, stamp: Stamp, level: Level, text: &str) -> Vec<u8> 
         WireFormat::Ros1 => begun
             .header(sec, nanosec, "")
             .u8(level)
-            .text("unwater")
+            .text(name)
             .text(text)
             .text("")
             .text("")
             .u32(0)
             .u32(0)
             .finish(),
-        WireFormat::Protobuf => begun
-            .time(sec, nanosec)
-            .u8(level)
-            .text(text)
-            .text("unwater")
-            .text("")
-            .fixed32(0)
-            .finish(),
+        WireFormat::Protobuf => {
+            begun.time(sec, nanosec).u8(level).text(text).text(name).text("").fixed32(0).finish()
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnostics::MountFact;
     use crate::messages::Decoder;
 
     const WIRES: [WireFormat; 3] = [WireFormat::Cdr, WireFormat::Ros1, WireFormat::Protobuf];
@@ -434,6 +444,7 @@ mod tests {
         let header =
             Header { stamp: Some(Stamp(1_700_000_000_500_000_000)), frame_id: "cam".into() };
         let camera = Camera::from_field_of_view(640, 480, 60.0);
+        let no_attitude = Diagnostic::from(MountFact::NoAttitude);
         for wire in WIRES {
             let frame = with_header(wire, &header).u8(1).text("why").f64s(&[0.5; 11]).finish();
             let cases = [
@@ -441,7 +452,7 @@ mod tests {
                 (IMAGE, image(wire, &header, 2, 1, "rgb8", 6, &[0; 6])),
                 (CAMERA_INFO, camera_info(wire, &header, &camera)),
                 (MULTI_ARRAY, multi_array(wire, "attenuation_per_m", &[1.0, 2.0])),
-                (LOG, log(wire, Stamp(5_000_000_001), Level::Warn, "dark")),
+                (LOG, log(wire, Stamp(5_000_000_001), &LogLine::of(&no_attitude))),
                 (FRAME, frame),
                 (POSE, pose(wire, &header, &nalgebra::Isometry3::translation(1.0, 2.0, 3.0))),
                 (
@@ -483,12 +494,12 @@ mod tests {
                     "rcl_interfaces/msg/Log" => {
                         assert_eq!(
                             value.text("msg").or(value.text("message")),
-                            Some("dark"),
+                            Some(no_attitude.to_string().as_str()),
                             "{wire:?}"
                         );
                         assert_eq!(
                             (value.text("name"), said.stamp),
-                            (Some("unwater"), Some(Stamp(5_000_000_001))),
+                            (Some("unwater.attitude-missing"), Some(Stamp(5_000_000_001))),
                             "{wire:?}"
                         );
                     }

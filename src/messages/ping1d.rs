@@ -3,6 +3,7 @@
 use super::layout::Layout;
 use super::reading::{PingReading, missing};
 use super::value::Value;
+use crate::diagnostics::RangeFact;
 use crate::vehicle::DvlFacts;
 
 /// Readings of a lower confidence are not reliable [%].
@@ -17,8 +18,5 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let confident = value.number("confidence").is_none_or(|c| c >= MIN_CONFIDENCE);
     let altitude = distance * facts.unit_m.unwrap_or(1e-3) * facts.sound_speed_ratio.unwrap_or(1.0);
     let altitude = (confident && altitude > 0.0 && altitude.is_finite()).then_some(altitude);
-    Ok(PingReading {
-        warning: Some("an echo sounder has a wide cone: its distance is used as altitude".into()),
-        ..PingReading::of_altitude(value, altitude)
-    })
+    Ok(PingReading { note: Some(RangeFact::WideCone), ..PingReading::of_altitude(value, altitude) })
 }

@@ -7,6 +7,7 @@ use super::layout::Layout;
 use super::reading::{PingReading, missing};
 use super::value::Value;
 use crate::coordinates::Direction;
+use crate::diagnostics::RangeFact;
 use crate::units::SlantRange;
 use crate::vehicle::{Beam, DvlFacts};
 
@@ -30,8 +31,5 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         let beam = Beam { direction, range: range.map(SlantRange) };
         return Ok(PingReading::of_beams(value, vec![beam]));
     }
-    Ok(PingReading {
-        warning: Some("the sonar has a wide cone: its range is used as altitude".into()),
-        ..PingReading::of_altitude(value, range)
-    })
+    Ok(PingReading { note: Some(RangeFact::WideCone), ..PingReading::of_altitude(value, range) })
 }

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::header::header;
 use super::value::Value;
+use crate::diagnostics::RangeFact;
 use crate::units::{Altitude, Stamp};
 use crate::vehicle::{Beam, Ping, RangeKind};
 
@@ -13,7 +14,7 @@ pub struct PingReading {
     /// `None` where the message has no range to the seafloor (a water-track report)
     pub ping: Option<Ping>,
     /// a repaired or assumed property of the message; reported once per channel
-    pub warning: Option<String>,
+    pub note: Option<RangeFact>,
     /// the message's own altitude compared with its ranges
     pub altitude_check: Option<AltitudeCheck>,
     /// samples of a depth image; they become beams once the camera is calibrated
@@ -36,8 +37,8 @@ impl PingReading {
     }
 
     /// A message without any range to the seafloor.
-    pub(super) fn none(reason: &str) -> Self {
-        Self { warning: Some(reason.into()), ..Self::default() }
+    pub(super) fn none(reason: RangeFact) -> Self {
+        Self { note: Some(reason), ..Self::default() }
     }
 }
 

@@ -11,7 +11,8 @@ use super::{
     AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, ImagingModel, LightSettingFile,
     SHAPES, SpreadingModel,
 };
-use crate::config::{Method, Spreading};
+use crate::config::{Estimator, Method, Spreading};
+use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
 
 /// The value of `format`.
 pub const FORMAT: &str = "unwater-model";
@@ -30,11 +31,41 @@ pub struct EstimatorAnswer {
     pub residual: Option<f64>,
     /// other numbers, by name
     pub details: BTreeMap<String, f64>,
-    /// why there is no answer, or what to know of it
+    /// why there is no answer, for people
     pub note: Option<String>,
+    /// the same for programs
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub no_answer: Option<Diagnostic>,
     /// what single images say (the paper's Fig. 8), a few hundred at most; of `pairs` alone
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub by_image: Vec<ImageAnswer>,
+}
+
+impl EstimatorAnswer {
+    /// That there is no answer.
+    pub fn none(why: NoAnswer) -> Self {
+        Self { note: Some(why.to_string()), no_answer: Some(why.into()), ..Self::default() }
+    }
+}
+
+/// What kind of number an attenuation is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AttenuationKind {
+    /// spreading is modelled: a property of the water
+    Physical,
+    /// spreading is part of it
+    Effective,
+}
+
+impl AttenuationKind {
+    /// Its name in files.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Physical => "physical",
+            Self::Effective => "effective",
+        }
+    }
 }
 
 /// What the pairs of one image say.
@@ -189,17 +220,17 @@ pub struct ModelFile {
     /// its standard deviation [1/m]; `null` where the log cannot tell
     pub attenuation_std_per_m: Vec<Option<f64>>,
     /// `physical` where spreading is modelled, else `effective`
-    pub attenuation_kind: String,
+    pub attenuation_kind: AttenuationKind,
     /// whether the log can tell
     pub identified: bool,
-    /// why not
+    /// why not, for people
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_identified_because: Option<String>,
     /// the estimator whose answer stands above
     #[serde(default)]
-    pub estimator: String,
+    pub estimator: Estimator,
     /// every estimator's answer
-    pub estimators: BTreeMap<String, EstimatorAnswer>,
+    pub estimators: BTreeMap<Estimator, EstimatorAnswer>,
     /// BP
     pub beam_pattern: BeamPatternFile,
     /// where the light sits
@@ -217,9 +248,12 @@ pub struct ModelFile {
     /// settings of camera and strobe that the light of the frames follows; it is taken out
     #[serde(default)]
     pub light_settings: Vec<LightSettingFile>,
-    /// what the user must know of it
+    /// diagnostics in sentences, for people
     #[serde(default)]
     pub warnings: Vec<String>,
+    /// what the model rests on and why it may be wrong
+    #[serde(default)]
+    pub diagnostics: Vec<Diagnostic>,
     /// attenuation along the log: linear between these times; empty where it does not change
     #[serde(default)]
     pub segments: AttenuationOverTime,
@@ -283,7 +317,7 @@ impl ModelFile {
     /// # Errors
     /// A sentence: not JSON, another format, contradictory sizes.
     pub fn from_json(text: &str) -> Result<Self, String> {
-        let file: Self = serde_json::from_str(text).map_err(|e| e.to_string())?;
+        let mut file: Self = serde_json::from_str(text).map_err(|e| e.to_string())?;
         if file.format != FORMAT || file.version != 1 {
             return Err(format!(
                 "format {:?} version {} is not {FORMAT:?} version 1",
@@ -319,6 +353,12 @@ impl ModelFile {
             return Err(format!("attenuation_per_m = {alpha} is that of no water"));
         }
         file.imaging_model()?;
+        if file.diagnostics.is_empty() {
+            let because = file.not_identified_because.iter();
+            let because = because.map(|why| format!("attenuation is not identified: {why}"));
+            let warnings: Vec<String> = file.warnings.iter().cloned().chain(because).collect();
+            file.diagnostics = diagnostics::of_texts(&[], &warnings);
+        }
         Ok(file)
     }
 
@@ -346,6 +386,19 @@ impl ModelFile {
                 shape: b.shape,
             }),
         })
+    }
+
+    /// The same with its diagnostics; `not_identified` is one of them.
+    pub fn with_diagnostics(
+        self,
+        mut diagnostics: Vec<Diagnostic>,
+        not_identified: Option<NotIdentified>,
+    ) -> Self {
+        let warnings = diagnostics.iter().map(Diagnostic::with_remedy).collect();
+        let not_identified_because = not_identified.as_ref().map(ToString::to_string);
+        diagnostics.extend(not_identified.map(Diagnostic::from));
+        let identified = not_identified_because.is_none();
+        Self { warnings, diagnostics, identified, not_identified_because, ..self }
     }
 
     /// α ± its standard deviation per band, for people.

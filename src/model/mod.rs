@@ -25,8 +25,8 @@ pub use backscatter::{Backscatter, Frustum, SHAPES, ScatterIntegral, ScatterTabl
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use file::{
-    BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile, ImageAnswer,
-    InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
+    AttenuationKind, BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile,
+    ImageAnswer, InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
 };
 pub use light_setting::{LightLaw, LightSettingFile};
 

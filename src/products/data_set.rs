@@ -209,7 +209,7 @@ fn header(
     let model = &camera.model;
     let water = format!(
         "{} attenuation coefficients in 1/m (red, green, blue): {}; {}; see model.json",
-        model.attenuation_kind,
+        model.attenuation_kind.word(),
         model.attenuation_text(),
         if model.identified {
             "identified from this log"

@@ -117,7 +117,7 @@ impl CorrectedLog {
             let model =
                 ModelFile::from_json(model).map_err(|e| bad("the attachment model.json", e))?;
             let report = named("report.json")
-                .and_then(|text| serde_json::from_str(text).ok())
+                .and_then(|text| Report::from_json(text).ok())
                 .unwrap_or_default();
             let mut rig: RigFile =
                 named("rig.toml").and_then(|text| toml::from_str(text).ok()).unwrap_or_default();

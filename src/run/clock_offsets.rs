@@ -15,6 +15,7 @@ use nalgebra::Vector3;
 
 use super::pass_one::{Collected, collect};
 use crate::config::SeafloorConfig;
+use crate::diagnostics::{ClockFact, Diagnostic, OffsetUnknown};
 use crate::error::Result;
 use crate::estimate::MatchedPair;
 use crate::geometry::{SeafloorEstimator, SeafloorPlane, SeafloorPoint, View};
@@ -49,8 +50,8 @@ pub enum Told {
         /// [s]
         std_s: f64,
     },
-    /// why nothing can be said
-    CannotTell(String),
+    /// why there is no estimate
+    Unknown(OffsetUnknown),
 }
 
 impl Told {
@@ -71,24 +72,18 @@ pub struct ClockOffsets {
 }
 
 impl ClockOffsets {
-    /// What to know, and the lines of a rig file that would set it right.
-    pub fn sentences(&self, survey: &Survey, rig: &RigFile) -> Vec<String> {
-        let of = |topic: &String, told: &Told| match told {
-            Told::Offset { offset_s, std_s } if told.is_off() => {
-                let line = rig.time_offset_s.get(topic).unwrap_or(&0.0) + offset_s;
-                format!(
-                    "{topic}: its stamps fit the others best {:.2} ± {std_s:.2} s {}; if that is \
-                     so, write under [time_offset_s] in rig.toml: {topic:?} = {line:.2}",
-                    offset_s.abs(),
-                    if *offset_s > 0.0 { "later" } else { "earlier" }
-                )
-            }
-            Told::Offset { offset_s, std_s } => {
-                format!("{topic}: its stamps fit the others ({offset_s:+.2} ± {std_s:.2} s)")
-            }
-            Told::CannotTell(why) => {
-                format!("{topic}: the data cannot tell whether its clock is right: {why}")
-            }
+    /// Per topic: its offset and the line of a rig file that corrects it, or that there is none.
+    pub fn diagnostics(&self, survey: &Survey, rig: &RigFile) -> Vec<Diagnostic> {
+        let of = |topic: &String, told: &Told| {
+            let fact = match *told {
+                Told::Offset { offset_s, std_s } if told.is_off() => {
+                    let time_offset_s = rig.time_offset_s.get(topic).unwrap_or(&0.0) + offset_s;
+                    ClockFact::OffsetFound { offset_s, std_s, time_offset_s }
+                }
+                Told::Offset { offset_s, std_s } => ClockFact::Agrees { offset_s, std_s },
+                Told::Unknown(reason) => ClockFact::Unknown { reason },
+            };
+            Diagnostic::on(topic, fact)
         };
         let attitude = survey.attitude_topic.iter().map(|topic| of(topic, &self.attitude));
         [of(&survey.dvl_topic, &self.ranges)].into_iter().chain(attitude).collect()
@@ -155,11 +150,10 @@ fn offset(
 }
 
 fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
-    let cannot = |why: &str| Told::CannotTell(why.into());
     let most = curve.iter().map(|(_, m)| m.iter().flatten().count()).max().unwrap_or(0);
     let independent = most as f64 / alike;
     if most < LEAST {
-        return cannot("too few observations");
+        return Told::Unknown(OffsetUnknown::FewObservations);
     }
     // Wrong matches and boulders: what lies beyond three times the usual counts as three times the
     // usual.
@@ -183,10 +177,10 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
     let points: Vec<(f64, f64)> =
         compared.iter().map(|(shift, m)| (*shift, mean_square(m))).collect();
     let Some(best) = (0..points.len()).min_by(|a, b| points[*a].1.total_cmp(&points[*b].1)) else {
-        return cannot("too few observations");
+        return Told::Unknown(OffsetUnknown::FewObservations);
     };
     if best == 0 || best + 1 == points.len() || points[best].1 <= 0.0 {
-        return cannot("no offset within the grid fits better than its edge");
+        return Told::Unknown(OffsetUnknown::NoMinimum);
     }
     let (low, here, high) = (points[best - 1].1, points[best].1, points[best + 1].1);
     let bend = low - 2.0 * here + high;
@@ -203,10 +197,7 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
     let per_s2 = wide(4).map_or(0.0, |rise| rise / (4.0 * STEP_S).powi(2));
     let std_s = if per_s2 > 0.0 { (here / (independent * per_s2)).sqrt() } else { f64::INFINITY };
     if farthest > WORST_S + STEP_S || 3.0 * std_s > WORST_S {
-        return cannot(
-            "the height and attitude of the vehicle change too little, or the measurements are \
-             too noisy",
-        );
+        return Told::Unknown(OffsetUnknown::Flat);
     }
     Told::Offset { offset_s, std_s }
 }

@@ -13,6 +13,7 @@ use std::path::Path;
 
 use crate::config::{Config, EstimateConfig, Estimator, Method, OutputEncoding};
 use crate::correct::{Correction, MeanFrames};
+use crate::diagnostics::{Diagnostic, LogFact};
 use crate::error::{Error, Result};
 use crate::estimate::as_modelled;
 use crate::image::Container;
@@ -38,15 +39,15 @@ pub fn estimate_logs(
     paths: &[&Path],
     options: &Options,
     progress: &dyn Progress,
-) -> Result<(ModelFile, Vec<String>)> {
+) -> Result<(ModelFile, Vec<Diagnostic>)> {
     let threads = Threads::new(options.threads);
     let logs = paths
         .iter()
         .map(|path| prepare_to_write(path, options, &threads))
         .collect::<Result<Vec<_>>>()?;
     ensure_alike(&logs)?;
-    let warnings = logs.iter().flat_map(|p| p.survey.warnings.clone()).collect();
-    Ok((learnt(&logs, options, &threads, progress)?.0, warnings))
+    let diagnostics = logs.iter().flat_map(|p| p.survey.diagnostics.clone()).collect();
+    Ok((learnt(&logs, options, &threads, progress)?.0, diagnostics))
 }
 
 /// Logs of one model must be of one camera, and each must be another.
@@ -162,7 +163,8 @@ pub fn correct_all(
                 match make_ready(input, None, &chosen, &threads, progress) {
                     Ok(camera) => ready.push(camera),
                     Err(e) => {
-                        left_out.push(format!("{topic}: {e}"));
+                        let reason = e.to_string();
+                        left_out.push(Diagnostic::on(&topic, LogFact::CameraLeftOut { reason }));
                         first_error.get_or_insert(e);
                     }
                 }
@@ -198,8 +200,8 @@ struct Ready {
     glow: Option<ScatterTable>,
     means: MeanFrames,
     rig_toml: String,
-    /// what pass one warned of
-    model_warnings: Vec<String>,
+    /// those of the model
+    diagnostics: Vec<Diagnostic>,
 }
 
 fn make_ready(
@@ -260,20 +262,21 @@ fn make_ready(
         only(options)?.as_ref(),
     )?;
     let missing = prepared.survey.missing_settings(&file);
-    prepared.survey.warnings.extend(missing);
+    prepared.survey.diagnostics.extend(missing);
     let own = prepared.recording.sha256()?;
     let is_of_this_log = file.inputs.iter().any(|input| input.sha256 == own);
-    let said = |w: &String| {
-        if is_of_this_log { w.clone() } else { format!("of the model's own log: {w}") }
-    };
-    let model_warnings = file.warnings.iter().map(said).collect();
+    let mut diagnostics = file.diagnostics.clone();
+    if !is_of_this_log {
+        let logs: Vec<&str> = file.inputs.iter().map(|input| input.name.as_str()).collect();
+        diagnostics.iter_mut().for_each(|d| d.model_log = Some(logs.join(", ")));
+    }
     let model = file.imaging_model().map_err(Error::Usage)?;
     let glow = glow_table(&model, &prepared.survey.rig, method);
     let rig_toml = toml::to_string_pretty(&survey::rig_facts(&prepared.survey.rig, &options.rig))
         .unwrap_or_default();
     let fine =
         ImagingModel { beam_pattern: model.beam_pattern.refined(BEAM_REFINED), ..model.clone() };
-    Ok(Ready { prepared, file, model, fine, glow, means, rig_toml, model_warnings })
+    Ok(Ready { prepared, file, model, fine, glow, means, rig_toml, diagnostics })
 }
 
 impl Ready {
@@ -291,7 +294,7 @@ impl Ready {
             glow,
             means,
             rig_toml,
-            model_warnings,
+            diagnostics,
         } = self;
         let correction = Correction {
             model: fine,
@@ -313,7 +316,7 @@ impl Ready {
             model,
             correction,
             rig_toml,
-            model_warnings,
+            model_diagnostics: diagnostics,
             place,
         }
     }
@@ -326,7 +329,7 @@ fn write_corrected(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-    left_out: Vec<String>,
+    left_out: Vec<Diagnostic>,
 ) -> Result<Vec<(Report, ModelFile)>> {
     let Some(first) = cameras.first().map(|c| &c.prepared) else {
         return Err(Error::Usage("no camera".into()));

@@ -1,11 +1,12 @@
 //! What pass one collected → one model, and a model's strobe and exposure as the rest of the
 //! run wants them.
 
-use super::mount_words::mount_check;
+use super::mount_words::{mount_check, mount_diagnostics};
 use super::pass_one::Collected;
 use crate::config::{Config, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::estimate_rendering;
+use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
     BackscatterFit, Estimate, FollowedSetting, FrameSamples, MatchedPair, StrobePlacement, tracks,
@@ -14,8 +15,8 @@ use crate::estimate::{
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
-    BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel, InputFile, LampFile,
-    LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
+    AttenuationKind, BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel,
+    InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
 };
 use crate::session::{Options, Prepared};
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount};
@@ -93,28 +94,20 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
     let frame_gains: Vec<FrameGainFile> =
         uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
-    let mut warnings: Vec<String> = found.strobe.warning.iter().cloned().collect();
+    let mut diagnostics: Vec<Diagnostic> = Vec::new();
+    diagnostics.extend(found.strobe.warning.clone().map(Diagnostic::from));
     if !frame_gains.is_empty() {
-        warnings.push(format!(
-            "{} frames got another amount of light than their neighbours (strobe drop-outs); they \
-             are set right",
-            frame_gains.len()
-        ));
+        diagnostics.push(EstimateFact::DropOuts { frames: frame_gains.len() }.into());
     }
     let camera_topic = &first.survey.camera_topic;
     let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
     if config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
-        warnings.push(
-            "--backscatter on: the log does not hold what the water scatters back (frames that \
-             overlap, at different altitudes, are needed); it is not taken off"
-                .into(),
-        );
+        diagnostics.push(EstimateFact::BackscatterUnknown.into());
     }
-    let mount_check =
-        found.mounts.map(|m| mount_check(&m, rig, camera_topic, offset_s)).map(|(file, said)| {
-            warnings.extend(said);
-            file
-        });
+    let mount_check = found.mounts.map(|found| {
+        diagnostics.extend(mount_diagnostics(&found, rig, camera_topic, offset_s));
+        mount_check(&found)
+    });
     let light_setting = |f: &FollowedSetting| {
         let SettingSeries { topic, name, .. } = &first.survey.settings[f.index];
         LightSettingFile {
@@ -128,15 +121,16 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     let strobe = Some(strobe_file(&found.strobe, rig));
     let backscatter =
         found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
-    Ok(ModelFile {
+    let not_identified = found.estimate.not_identified.clone();
+    let file = ModelFile {
         strobe,
         mount_check,
         backscatter,
         frame_gains,
         light_settings,
-        warnings,
         ..file_of(found.estimate, rendering, inputs, config)
-    })
+    };
+    Ok(file.with_diagnostics(diagnostics, not_identified))
 }
 
 fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
@@ -236,14 +230,13 @@ fn file_of(
             .map(|s| s.is_finite().then_some(*s))
             .collect(),
         attenuation_kind: if config.estimate.spreading == Spreading::None {
-            "effective"
+            AttenuationKind::Effective
         } else {
-            "physical"
-        }
-        .into(),
-        identified: found.not_identified_because.is_none(),
-        not_identified_because: found.not_identified_because,
-        estimator: found.estimator.into(),
+            AttenuationKind::Physical
+        },
+        identified: true,
+        not_identified_because: None,
+        estimator: found.estimator,
         estimators: found.answers,
         beam_pattern: BeamPatternFile::of(&found.model.beam_pattern),
         strobe: None,
@@ -252,6 +245,7 @@ fn file_of(
         frame_gains: Vec::new(),
         light_settings: Vec::new(),
         warnings: Vec::new(),
+        diagnostics: Vec::new(),
         segments: found.model.over_time.clone(),
         rendering,
         inputs,

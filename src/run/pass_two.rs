@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::config::{Config, ImageFormat, Method};
 use crate::correct::FrameFacts;
+use crate::diagnostics::{Diagnostic, LogFact, Reason};
 use crate::error::Result;
 use crate::geometry::SeafloorPlane;
 use crate::image::Container;
@@ -13,7 +14,7 @@ use crate::parallel::{Job, Threads};
 use crate::recording::{
     Block, Message, NewAttachment, NewChannel, Output, OutputFile, Piece, Recording, Window,
 };
-use crate::report::{Reason, Report};
+use crate::report::Report;
 
 use crate::session::{Progress, Step};
 
@@ -125,7 +126,7 @@ pub struct PassTwo<'p> {
     /// topics that are kept, where the user narrows them
     pub only: Option<regex::Regex>,
     /// cameras that cannot be corrected, and why
-    pub left_out: Vec<String>,
+    pub left_out: Vec<Diagnostic>,
 }
 
 /// What is known of a camera while the log is written.
@@ -147,8 +148,8 @@ impl PassTwo<'_> {
         threads: &Threads,
         progress: &dyn Progress,
     ) -> Result<Vec<Report>> {
-        let mut warnings = Vec::new();
-        let kept = self.copy_declarations(&mut out, &mut warnings);
+        let mut diagnostics = Vec::new();
+        let kept = self.copy_declarations(&mut out, &mut diagnostics);
         let account = |camera: &OfCamera<'_>, out: &mut Output| -> Result<Account> {
             Ok(Account {
                 added: camera.add_channels(out)?,
@@ -211,10 +212,10 @@ impl PassTwo<'_> {
         if let (Some(report), Some(camera)) = (reports.first_mut(), self.cameras.first()) {
             // What is said of the log as a whole stands with the first camera.
             report.messages_copied = copied;
-            report.warnings.extend(warnings);
+            report.diagnostics.extend(diagnostics);
             report.damage =
                 camera.scan.damage.iter().cloned().chain(camera.scan.homeless_damage()).collect();
-            report.cameras_left_out.clone_from(&self.left_out);
+            report.diagnostics.extend(self.left_out.iter().cloned());
         }
         self.finish(&out, file, &mut reports)?;
         Ok(reports)
@@ -224,7 +225,7 @@ impl PassTwo<'_> {
     fn copy_declarations(
         &self,
         out: &mut Output,
-        warnings: &mut Vec<String>,
+        diagnostics: &mut Vec<Diagnostic>,
     ) -> BTreeMap<u16, bool> {
         for (id, schema) in &self.recording.schemas {
             out.copy_schema(*id, schema);
@@ -239,10 +240,8 @@ impl PassTwo<'_> {
                 if channel.schema_id != 0
                     && !self.recording.schemas.contains_key(&channel.schema_id)
                 {
-                    warnings.push(format!(
-                        "{}: its schema {} is nowhere in the log; the channel is kept without one",
-                        channel.topic, channel.schema_id
-                    ));
+                    let fact = LogFact::SchemaMissing { schema_id: channel.schema_id };
+                    diagnostics.push(Diagnostic::on(&channel.topic, fact));
                 }
                 self.copy_channel(out, *id);
             }
@@ -315,6 +314,7 @@ impl PassTwo<'_> {
                 }
             }
         }
+        reports.iter_mut().for_each(Report::count_damage);
         for record in &self.recording.metadata {
             file.metadata(&record.name, &record.metadata)?;
         }

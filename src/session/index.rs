@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::UnitQuaternion;
 
+use crate::diagnostics::RangeFact;
 use crate::image::decode::{CameraResponse, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
 use crate::messages::{
@@ -58,8 +59,8 @@ pub struct ChannelScan {
     pub container: Option<Container>,
     /// pings with the log time
     pub pings: Vec<(Ping, Stamp)>,
-    /// what the decoder had to mend, each once
-    pub remarks: Vec<String>,
+    /// what the decoder mended or assumed, each once
+    pub notes: Vec<RangeFact>,
     /// depth pictures: what becomes beams of the ping of the same number
     pub depths: Vec<DepthSamples>,
     /// the codec, where the channel holds video
@@ -349,10 +350,10 @@ impl ChannelScan {
             Kind::Ping(_, decode) => {
                 let reading = decode(&value, dvl)?;
                 self.heights.extend(reading.altitude_check);
-                if let Some(remark) = reading.warning
-                    && !self.remarks.contains(&remark)
+                if let Some(note) = reading.note
+                    && !self.notes.contains(&note)
                 {
-                    self.remarks.push(remark);
+                    self.notes.push(note);
                 }
                 if let Some(mut ping) = reading.ping {
                     ping.stamp = stamp;

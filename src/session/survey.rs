@@ -11,6 +11,7 @@ use nalgebra::Isometry3;
 
 use crate::config::Config;
 use crate::coordinates::{Body, Optical, Transform};
+use crate::diagnostics::{CameraFact, ClockFact, Diagnostic, LogFact, MountFact, RangeFact};
 use crate::error::{Error, Result};
 use crate::geometry::SeafloorEstimator;
 use crate::image::decode::{CameraResponse, decode};
@@ -73,10 +74,8 @@ pub struct Survey {
     pub settings: Vec<SettingSeries>,
     /// mounts and calibration
     pub rig: Rig,
-    /// what was assumed or mended
-    pub remarks: Vec<String>,
-    /// what may make the result worse
-    pub warnings: Vec<String>,
+    /// what was assumed or mended, and what may make the result worse
+    pub diagnostics: Vec<Diagnostic>,
 }
 
 impl Survey {
@@ -93,20 +92,14 @@ impl Survey {
         set * file.frame_gains.iter().find(|g| g.stamp_ns == stamp.0).map_or(1.0, |g| g.gain)
     }
 
-    /// Settings that a model counts on and this log does not tell, a sentence each.
-    pub fn missing_settings(&self, file: &ModelFile) -> Vec<String> {
+    /// Settings that a model compensates and this log does not have.
+    pub fn missing_settings(&self, file: &ModelFile) -> Vec<Diagnostic> {
         let missing = file
             .light_settings
             .iter()
             .filter(|s| self.setting(s).is_none_or(|series| series.values.is_empty()));
-        let said = |s: &LightSettingFile| {
-            format!(
-                "the model takes {} of {} off, which this log does not tell: pictures may be too \
-                 bright or too dark by a factor",
-                s.name, s.topic
-            )
-        };
-        missing.map(said).collect()
+        let fact = |s: &LightSettingFile| CameraFact::SettingMissing { setting: s.name.clone() };
+        missing.map(|s| Diagnostic::on(&s.topic, fact(s))).collect()
     }
 }
 
@@ -140,8 +133,8 @@ pub fn survey(
     rig_file: &RigFile,
     config: &Config,
 ) -> Result<Survey> {
-    let (mut remarks, mut warnings) = (Vec::new(), Vec::new());
-    let camera_topic = choose_camera(recording, scan, selection, &mut remarks)?;
+    let mut diagnostics = Vec::new();
+    let camera_topic = choose_camera(recording, scan, selection, &mut diagnostics)?;
     let camera_channels =
         channels_of(recording, scan, &camera_topic, |k| matches!(k, Kind::Image(_)));
     let of_camera: Vec<&ChannelScan> =
@@ -155,19 +148,11 @@ pub fn survey(
         config.light.white_level.or_else(|| of_camera.iter().find_map(|c| c.white_level()));
     let clock = of_camera.iter().find_map(|c| c.clock_offset_s);
 
-    let camera = calibration(
-        recording,
-        scan,
-        rig_file,
-        &camera_topic,
-        picture,
-        &mut remarks,
-        &mut warnings,
-    )?;
+    let camera = calibration(recording, scan, rig_file, &camera_topic, picture, &mut diagnostics)?;
     let pixels = picture.map_or(camera.width * camera.height, |(w, h)| w.saturating_mul(h));
     let response = response(rig_file)?;
     let flat_field = flat_field(rig_file, &camera, picture, response.as_ref(), config)?;
-    checks::depths_to_beams(recording, scan, &mut warnings);
+    checks::depths_to_beams(recording, scan, &mut diagnostics);
     let dvl_id = choose_ranges(
         recording,
         scan,
@@ -186,39 +171,24 @@ pub fn survey(
     let offset_s = checks::offset_s(rig_file, &camera_topic);
     let mut frames = frames;
     frames.iter_mut().for_each(|f| f.stamp = f.stamp.plus_seconds(offset_s));
-    for (name, id) in
-        [(&camera_topic, camera_channels.first().copied()), (&dvl_topic, Some(dvl_id))]
-    {
-        let stamps: Vec<Stamp> = if name == &camera_topic {
-            frames.iter().map(|f| f.stamp).collect()
-        } else {
-            scan.channels
-                .get(&dvl_id)
-                .map(|c| c.pings.iter().map(|(p, _)| p.stamp).collect())
-                .unwrap_or_default()
-        };
-        let channel = id.and_then(|id| scan.channels.get(&id));
-        warnings.extend(
-            channel
-                .into_iter()
-                .flat_map(|c| checks::ranges(&c.pings))
-                .map(|w| format!("{name}: {w}")),
-        );
-        warnings.extend(
-            channel
-                .into_iter()
-                .flat_map(|c| checks::clock(c, &stamps))
-                .map(|w| format!("{name}: {w}")),
-        );
+    let stamps: Vec<Stamp> = frames.iter().map(|f| f.stamp).collect();
+    if let Some(channel) = camera_channels.first().and_then(|id| scan.channels.get(id)) {
+        let facts = checks::clock(channel, &stamps).into_iter();
+        diagnostics.extend(facts.map(|fact| Diagnostic::on(&camera_topic, fact)));
+    }
+    if let Some(channel) = scan.channels.get(&dvl_id) {
+        let stamps: Vec<Stamp> = channel.pings.iter().map(|(p, _)| p.stamp).collect();
+        let ranges = checks::ranges(&channel.pings).into_iter();
+        diagnostics.extend(ranges.map(|fact| Diagnostic::on(&dvl_topic, fact)));
+        let clock = checks::clock(channel, &stamps).into_iter();
+        diagnostics.extend(clock.map(|fact| Diagnostic::on(&dvl_topic, fact)));
     }
     for unknown in rig_file
         .time_offset_s
         .keys()
         .filter(|t| recording.channels.values().all(|c| c.topic != **t))
     {
-        warnings.push(format!(
-            "rig file: time_offset_s names {unknown:?}, which the log does not have"
-        ));
+        diagnostics.push(Diagnostic::on(unknown, ClockFact::OffsetOfUnknownTopic));
     }
 
     let mounts = Mounts::new(recording, scan);
@@ -241,7 +211,7 @@ pub fn survey(
     let body_from_dvl = match &rig_file.dvl.mount {
         Some(mount) => mount.transform().map_err(Error::Rig)?,
         None => {
-            let found = dvl_mount(&mounts, &body_frame, &dvl_frame, &dvl_topic, &mut remarks);
+            let found = dvl_mount(&mounts, &body_frame, &dvl_frame, &dvl_topic, &mut diagnostics);
             Transform::from_isometry(found.ok_or_else(|| Error::NoMount {
                 what: "DVL or altimeter",
                 frame: dvl_frame.clone(),
@@ -250,22 +220,32 @@ pub fn survey(
             })?)
         }
     };
-    let strobe =
-        strobe_mount(&mounts, &body_frame, selection, rig_file, body_from_optical, &mut remarks)?;
-    let (attitude_topic, attitude) =
-        attitude(recording, scan, &mounts, &body_frame, (clock, rig_file), config, &mut remarks);
+    let strobe = strobe_mount(
+        &mounts,
+        &body_frame,
+        selection,
+        rig_file,
+        body_from_optical,
+        &mut diagnostics,
+    )?;
+    let (attitude_topic, attitude) = attitude(
+        recording,
+        scan,
+        &mounts,
+        &body_frame,
+        (clock, rig_file),
+        config,
+        &mut diagnostics,
+    );
 
     let mut pings = Vec::new();
     if let Some(channel) = scan.channels.get_mut(&dvl_id) {
-        remarks.extend(channel.remarks.iter().map(|r| format!("{dvl_topic}: {r}")));
-        warnings.extend(
-            checks::slant_or_vertical(&channel.heights).map(|w| format!("{dvl_topic}: {w}")),
-        );
+        let notes = std::mem::take(&mut channel.notes).into_iter();
+        let facts = notes.chain(checks::slant_or_vertical(&channel.heights));
+        diagnostics.extend(facts.map(|fact| Diagnostic::on(&dvl_topic, fact)));
         let trusted = on_camera_clock(channel.clock_offset_s, clock);
         if !trusted {
-            warnings.push(format!(
-                "{dvl_topic}: its stamps are not on the camera's clock; the log's times are used"
-            ));
+            diagnostics.push(Diagnostic::on(&dvl_topic, ClockFact::NotOnCameraClock));
         }
         let offset_s = checks::offset_s(rig_file, &dvl_topic);
         pings = std::mem::take(&mut channel.pings)
@@ -281,13 +261,12 @@ pub fn survey(
     }
     let rig = Rig { camera, body_from_optical, body_from_dvl, strobe };
     for (id, channel) in &scan.channels {
-        if let (Some(complaint), count) = (&channel.unreadable.1, channel.unreadable.0) {
-            let topic = topic(recording, *id);
-            warnings.push(if count > 0 {
-                format!("{topic}: {count} messages cannot be read: {complaint}")
-            } else {
-                format!("{topic}: {complaint}")
-            });
+        if let (messages, Some(reason)) = channel.unreadable.clone() {
+            let fact = match messages {
+                0 => LogFact::SchemaUnreadable { reason },
+                _ => LogFact::MessagesUnreadable { messages, reason },
+            };
+            diagnostics.push(Diagnostic::on(&topic(recording, *id), fact));
         }
     }
     if camera_topic.contains("rect")
@@ -295,17 +274,11 @@ pub fn survey(
             .iter()
             .any(|w| camera_topic.to_lowercase().contains(w))
     {
-        warnings.push(format!(
-            "{camera_topic}: by its name these pictures have been processed already"
-        ));
+        diagnostics.push(Diagnostic::on(&camera_topic, CameraFact::AlreadyProcessed));
     }
     let mut pings = SeafloorEstimator::new(pings, attitude);
-    let stamps: Vec<Stamp> = frames.iter().map(|f| f.stamp).collect();
-    if let Some(foretold) = pings.estimate_trajectory(&stamps, &rig, &config.seafloor) {
-        remarks.push(format!(
-            "the seafloor is not flat: heights from hits along the track are used (hits that were \
-             left out lie {foretold:.2} times as far from them as from the plane)"
-        ));
+    if let Some(residual_ratio) = pings.estimate_trajectory(&stamps, &rig, &config.seafloor) {
+        diagnostics.push(RangeFact::NotFlat { residual_ratio }.into());
     }
     Ok(Survey {
         camera_topic,
@@ -326,8 +299,7 @@ pub fn survey(
         },
         settings: settings(recording, scan),
         rig,
-        remarks,
-        warnings,
+        diagnostics,
     })
 }
 
@@ -432,8 +404,7 @@ fn calibration(
     rig_file: &RigFile,
     camera_topic: &str,
     picture: Option<(usize, usize)>,
-    remarks: &mut Vec<String>,
-    warnings: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<Camera> {
     let from_rig =
         rig_file.camera.calibration(picture).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
@@ -442,27 +413,19 @@ fn calibration(
         && rig_file.camera.fx.is_none()
         && from_rig.is_some()
     {
-        warnings.push(
-            "the camera is known by its field of view alone: angles near the picture's edge are \
-             rough, and a tenth too wide or too narrow moves attenuation by 0.02 to 0.03 per metre"
-                .into(),
-        );
+        diagnostics.push(Diagnostic::on(camera_topic, CameraFact::FieldOfViewOnly));
     }
     let camera =
         from_rig.or(from_log).ok_or_else(|| Error::NoCalibration { topic: camera_topic.into() })?;
     if let Some((w, h)) = picture.filter(|(w, h)| (*w, *h) != (camera.width, camera.height)) {
-        remarks.push(format!(
-            "the calibration is for {}×{}, the pictures are {w}×{h}; it is scaled",
-            camera.width, camera.height
-        ));
+        let calibrated_px = [camera.width, camera.height];
+        let fact = CameraFact::CalibrationScaled { calibrated_px, image_px: [w, h] };
+        diagnostics.push(Diagnostic::on(camera_topic, fact));
     }
     let in_water = rig_file.camera.in_water(camera);
     if in_water != camera {
-        remarks.push(format!(
-            "the calibration was made in air; behind a flat port in water its focal length is \
-             {:.1} px",
-            in_water.fx
-        ));
+        let fact = CameraFact::CalibratedInAir { focal_px: in_water.fx };
+        diagnostics.push(Diagnostic::on(camera_topic, fact));
     }
     Ok(in_water)
 }
@@ -472,7 +435,7 @@ fn dvl_mount(
     body_frame: &str,
     dvl_frame: &str,
     dvl_topic: &str,
-    remarks: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> Option<Isometry3<f64>> {
     if !dvl_frame.is_empty()
         && let Some(pose) = mounts.pose_below(body_frame, dvl_frame)
@@ -489,10 +452,8 @@ fn dvl_mount(
         wanted.iter().any(|w| !w.is_empty() && word(f) == *w)
             && mounts.pose_below(body_frame, f).is_some()
     })?;
-    remarks.push(format!(
-        "the frame {dvl_frame:?} of {dvl_topic} is not in the TF tree; {stand_in:?} stands in for \
-         it"
-    ));
+    let fact = MountFact::FrameReplaced { frame: dvl_frame.into(), used: stand_in.into() };
+    diagnostics.push(Diagnostic::on(dvl_topic, fact));
     mounts.pose_below(body_frame, stand_in)
 }
 
@@ -518,7 +479,7 @@ fn attitude(
     body_frame: &str,
     (clock, rig_file): (Option<f64>, &RigFile),
     config: &Config,
-    remarks: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> (Option<String>, AttitudeTrack) {
     let best = scan
         .channels
@@ -527,11 +488,7 @@ fn attitude(
         .max_by_key(|(id, c)| (c.count.saturating_sub(c.without_attitude), std::cmp::Reverse(**id)))
         .map(|(id, _)| *id);
     let Some((id, channel)) = best.and_then(|id| Some((id, scan.channels.get(&id)?))) else {
-        remarks.push(
-            "the log has no attitude: hits are not turned between ping and frame, and one or two \
-             returns mean a floor square to the instrument"
-                .into(),
-        );
+        diagnostics.push(MountFact::NoAttitude.into());
         return (None, AttitudeTrack::default());
     };
     let name = topic(recording, id);
@@ -539,11 +496,9 @@ fn attitude(
         Some(pose) => pose.rotation.inverse(),
         None => {
             if channel.frame_id != body_frame {
-                remarks.push(format!(
-                    "{name}: its frame {:?} is not in the TF tree; taken as aligned with the \
-                     vehicle",
-                    channel.frame_id
-                ));
+                let frame = channel.frame_id.clone();
+                let fact = MountFact::AttitudeFrameUnknown { frame };
+                diagnostics.push(Diagnostic::on(&name, fact));
             }
             nalgebra::UnitQuaternion::identity()
         }

@@ -396,6 +396,10 @@ fn frames_without_a_seafloor_pass_through_and_say_why() {
         .expect("a reason");
     assert_eq!(report["corrected"].as_u64().unwrap() + lost, 14);
     assert!((3..=5).contains(&lost), "{lost}");
+    let losses = report["diagnostics"].as_array().unwrap();
+    let loss = losses.iter().find(|d| d["code"] == "no-ping").expect("a code");
+    assert_eq!((&loss["frames"], &loss["severity"]), (&lost.into(), &"loss".into()));
+    assert!(loss["remedy"].as_str().is_some_and(|r| r.contains("--dvl TOPIC")), "{loss}");
     let topics = by_topic(&out);
     assert_eq!((topics["/camera/image_raw"].len(), topics["/unwater/frame"].len()), (14, 14));
     assert_eq!(topics["/camera/image_corrected/compressed"].len() as u64, 14 - lost);

@@ -2,6 +2,7 @@
 use std::path::Path;
 
 use crate::support::render::{Dive, Sensor};
+use unwater::diagnostics::{ClockFact, Diagnostic, Fact};
 use unwater::run::clock_offsets::{ClockOffsets, Told, clock_offsets};
 use unwater::session::{Options, prepare};
 use unwater::vehicle::RigFile;
@@ -9,14 +10,14 @@ use unwater::vehicle::RigFile;
 const DVL: &str = "/dvl/data";
 
 /// The log looked at with the stamps of some topics moved.
-fn look(path: &Path, moved: &[(&str, f64)]) -> (ClockOffsets, Vec<String>) {
+fn look(path: &Path, moved: &[(&str, f64)]) -> (ClockOffsets, Vec<Diagnostic>) {
     let mut rig = RigFile::default();
     rig.time_offset_s.extend(moved.iter().map(|(topic, by)| (topic.to_string(), *by)));
     let options = Options { rig, ..Options::default() };
     let prepared = prepare(path, &options).unwrap();
     let found = clock_offsets(&prepared, &options).unwrap();
-    let said = found.sentences(&prepared.survey, &options.rig);
-    (found, said)
+    let diagnostics = found.diagnostics(&prepared.survey, &options.rig);
+    (found, diagnostics)
 }
 
 #[test]
@@ -33,16 +34,19 @@ fn offsets_are_found_and_none_is_made_up() {
     }
     .write(&path);
     for by in [0.0, 0.3, -0.3, 1.5, -1.5] {
-        let (found, said) = look(&path, &[(DVL, by)]);
+        let (found, diagnostics) = look(&path, &[(DVL, by)]);
         println!("pings {by:+} s: {found:?}");
         let Told::Offset { offset_s, .. } = found.ranges else { panic!("{by}: {found:?}") };
         assert!((offset_s + by).abs() < 0.1, "{by}: {found:?}");
         assert_eq!(found.ranges.is_off(), by != 0.0, "{by}: {found:?}");
         // The line to write undoes what was put in.
-        let line = said.iter().find(|s| s.contains(DVL) && s.contains("[time_offset_s]"));
-        assert_eq!(line.is_some(), by != 0.0, "{said:?}");
-        let number = |s: &String| s.rsplit("= ").next().unwrap().parse::<f64>().unwrap();
-        assert!(line.is_none_or(|s| number(s).abs() < 0.1), "{said:?}");
+        let of_ranges = diagnostics.iter().find(|d| d.topic.as_deref() == Some(DVL)).unwrap();
+        let line = match of_ranges.fact {
+            Fact::ClockFact(ClockFact::OffsetFound { time_offset_s, .. }) => Some(time_offset_s),
+            _ => None,
+        };
+        assert_eq!(line.is_some(), by != 0.0, "{diagnostics:?}");
+        assert!(line.is_none_or(|s| s.abs() < 0.1), "{diagnostics:?}");
         // The attitude was left alone, and is not accused.
         assert!(!found.attitude.is_off(), "{by}: {found:?}");
     }
@@ -68,12 +72,12 @@ fn a_vehicle_that_holds_its_height_tells_nothing() {
     };
     Dive { altitude_m: (2.0, 2.0), tilt_deg: 0.0, with_imu: false, ..dive }.write(&path);
     for by in [0.0, 0.3, -1.5] {
-        let (found, said) = look(&path, &[(DVL, by)]);
+        let (found, diagnostics) = look(&path, &[(DVL, by)]);
         assert!(
-            matches!(found.ranges, Told::CannotTell(_))
-                && matches!(found.attitude, Told::CannotTell(_)),
+            matches!(found.ranges, Told::Unknown(_)) && matches!(found.attitude, Told::Unknown(_)),
             "{by}: {found:?}"
         );
-        assert!(said.iter().all(|s| s.contains("cannot tell")), "{said:?}");
+        let is_unknown = |d: &Diagnostic| d.code() == "clock-offset-unknown";
+        assert!(diagnostics.iter().all(is_unknown), "{diagnostics:?}");
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use unwater::diagnostics::{Diagnostic, LogFact};
 use unwater::image::EncodedImage;
 use unwater::image::decode::{CameraResponse, decode};
 use unwater::recording::{Entry, Recording, Window};
@@ -39,8 +40,8 @@ fn log(path: &Path, options: mcap::WriteOptions, channels: u16, rounds: u32) {
     writer.finish().unwrap();
 }
 
-fn notes(path: &Path) -> String {
-    Recording::open(path).unwrap().notes().join("\n")
+fn diagnostics(path: &Path) -> Vec<Diagnostic> {
+    Recording::open(path).unwrap().diagnostics()
 }
 
 fn sample(name: &str) -> PathBuf {
@@ -73,11 +74,11 @@ fn what_is_odd_is_told_and_what_is_not_is_not() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("odd.mcap");
     log(&path, mcap::WriteOptions::new(), 2, 3);
-    assert_eq!(notes(&path), "");
+    assert_eq!(diagnostics(&path), []);
     log(&path, mcap::WriteOptions::new().use_chunks(false), 2, 3);
-    assert!(notes(&path).contains("6 messages lie outside of chunks"), "{}", notes(&path));
+    assert_eq!(diagnostics(&path), [LogFact::OutsideChunks { messages: 6 }.into()]);
     log(&path, mcap::WriteOptions::new().calculate_chunk_crcs(false), 2, 3);
-    assert!(notes(&path).contains("1 of 1 chunks have no checksum"), "{}", notes(&path));
+    assert_eq!(diagnostics(&path), [LogFact::WithoutChecksum { chunks: 1, of: 1 }.into()]);
 
     // No summary: the footer's numbers are 0, as a recorder writes that is told to be fast.
     log(&path, mcap::WriteOptions::new(), 2, 3);
@@ -85,7 +86,7 @@ fn what_is_odd_is_told_and_what_is_not_is_not() {
     let footer = bytes.len() - 8 - 20;
     bytes[footer..footer + 16].fill(0);
     std::fs::write(&path, &bytes).unwrap();
-    assert!(notes(&path).contains("no summary"), "{}", notes(&path));
+    assert_eq!(diagnostics(&path), [LogFact::NoSummary.into()]);
     assert_eq!(Recording::open(&path).unwrap().messages(Window::ALL).count(), 6);
 }
 
@@ -117,12 +118,9 @@ fn two_schemas_of_one_name_are_told_and_each_is_used() {
     }
     writer.finish().unwrap();
     let recording = Recording::open(&path).unwrap();
-    let said = recording.notes().join("\n");
-    assert!(
-        said.contains("2 different schemas are named p/msg/Altitude")
-            && said.contains("/altitude has 2 channels"),
-        "{said}"
-    );
+    let reused = LogFact::SchemaNameReused { name: "p/msg/Altitude".into(), schemas: 2 };
+    let several = Diagnostic::on("/altitude", LogFact::SeveralChannels { channels: 2 });
+    assert_eq!(recording.diagnostics(), [reused.into(), several]);
     let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
     let read: Vec<f64> =
         scanned.channels.values().map(|c| c.pings[0].0.altitude.unwrap().0).collect();

@@ -7,6 +7,7 @@ use crate::support::foreign_bytes::exercise;
 use crate::support::render::Dive;
 use crate::support::transcode::{Encoding, transcode};
 use unwater::config::Config;
+use unwater::diagnostics::{ClockFact, Diagnostic};
 use unwater::messages::Decoder;
 use unwater::messages::writer::{WireFormat, Writer};
 use unwater::recording::{Entry, Message, Recording, Window};
@@ -121,7 +122,8 @@ fn a_topics_offset_moves_its_pings_and_frames() {
     for (a, b) in plain.frames.iter().zip(&moved.frames) {
         assert_eq!(b.stamp.0 - a.stamp.0, -500_000_000);
     }
-    assert!(moved.warnings.iter().any(|w| w.contains("/nowhere")), "{:?}", moved.warnings);
+    let unknown = Diagnostic::on("/nowhere", ClockFact::OffsetOfUnknownTopic);
+    assert!(moved.diagnostics.contains(&unknown), "{:?}", moved.diagnostics);
 }
 
 #[test]
@@ -135,7 +137,7 @@ fn a_calibration_in_air_is_refracted_and_survives_its_own_rig_file() {
     let survey = prepare(&path, &options).unwrap().survey;
     assert!(
         (survey.rig.camera.fx / plain.fx - 1.33).abs() < 1e-9
-            && survey.remarks.iter().any(|r| r.contains("in air"))
+            && survey.diagnostics.iter().any(|d| d.code() == "calibration-in-air")
     );
     let written = unwater::session::survey::rig_facts(&survey.rig, &rig);
     let again: RigFile = toml::from_str(&toml::to_string(&written).unwrap()).unwrap();

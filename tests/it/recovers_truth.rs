@@ -3,7 +3,8 @@
 use crate::support::judge::{Verdict, run};
 use crate::support::render::{Dive, DvlType, Sensor, Truth};
 use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
-use unwater::model::LightLaw;
+use unwater::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
+use unwater::model::{AttenuationKind, LightLaw};
 use unwater::session::Options;
 
 fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
@@ -48,7 +49,7 @@ fn slope_tilt_lost_beams_and_noise_over_several_seeds() {
             ..Dive::default()
         };
         let (v, truth) = judged(&dive, &Options::default());
-        assert_eq!(v.model.estimator, "joint");
+        assert_eq!(v.model.estimator, Estimator::Joint);
         assert_eq!((v.report.corrected, v.report.frames), (32, 32));
         assert_near(&format!("seed {seed}"), &v, &truth, 0.03, 0.05, 0.03);
     }
@@ -99,7 +100,7 @@ fn the_papers_own_estimator_with_the_strobes_spreading() {
     let mut options = Options::default();
     options.config.estimate.estimator = Estimator::Pairs;
     let (v, truth) = judged(&Dive { seed: 41, frames: 40, ..Dive::default() }, &options);
-    assert_eq!(v.model.estimator, "pairs");
+    assert_eq!(v.model.estimator, Estimator::Pairs);
     // Eq. 17 leaves what the seafloor does not average out: levels are common to all bands, so
     // differences are better.
     let e = &v.attenuation_error_per_m;
@@ -144,7 +145,7 @@ fn the_likeliest_silent_errors_do_not_pass() {
     let mut no_spreading = Options::default();
     no_spreading.config.estimate.spreading = Spreading::None;
     let (effective, _) = judged(&dive, &no_spreading);
-    assert_eq!(effective.model.attenuation_kind, "effective");
+    assert_eq!(effective.model.attenuation_kind, AttenuationKind::Effective);
     assert!(
         effective.attenuation_error_per_m.iter().all(|e| *e > 0.1),
         "spreading swallowed: {:.4?}",
@@ -209,7 +210,13 @@ fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
     );
     wrong.rig = toml::from_str(&mount).expect("a rig");
     let (v, _) = judged(&dive, &wrong);
-    assert!(v.report.warnings.iter().any(|w| w.contains("contradicts")), "{:?}", v.report.warnings);
+    let is_contradicted = v.report.diagnostics.iter().any(|d| match d.fact {
+        Fact::MountFact(MountFact::StrobeContradicted { moved_m, .. }) => {
+            (moved_m - 0.3).abs() < 0.1
+        }
+        _ => false,
+    });
+    assert!(is_contradicted, "{:?}", v.report.diagnostics);
 
     // Sought from nothing, whatever is given: the way is that from the camera.
     wrong.config.estimate.strobe_position = StrobePosition::Find;
@@ -233,7 +240,8 @@ fn frames_at_half_power_are_found_and_set_right() {
         v.model.frame_gains
     );
     assert_near("half power", &v, &truth, 0.03, 0.05, 0.03);
-    assert!(v.report.warnings.iter().any(|w| w.contains("drop-outs")), "{:?}", v.report.warnings);
+    let drop_outs = EstimateFact::DropOuts { frames: halved.len() }.into();
+    assert!(v.report.diagnostics.contains(&drop_outs), "{:?}", v.report.diagnostics);
 }
 
 /// Scattered light is added: taken for attenuation it takes a sixth of that with it.
@@ -378,6 +386,16 @@ fn water_that_changes_is_followed_and_steady_water_is_not_split() {
     assert!(steady.model.segments.0.is_empty() && steady.model.backscatter.is_none());
 }
 
+fn codes(v: &Verdict) -> Vec<&str> {
+    v.report.diagnostics.iter().map(Diagnostic::code).collect()
+}
+
+/// What the log says against clock and mounts.
+fn contradicted(v: &Verdict) -> Vec<Diagnostic> {
+    let is_meant = |d: &&Diagnostic| d.code().ends_with("-contradicted");
+    v.report.diagnostics.iter().filter(is_meant).cloned().collect()
+}
+
 /// What the log cannot tell must not pass for an answer.
 #[test]
 fn a_single_altitude_is_called_not_identified() {
@@ -386,26 +404,22 @@ fn a_single_altitude_is_called_not_identified() {
         &Options::default(),
     );
     assert!(
-        !v.model.identified
-            && v.report.warnings.iter().any(|w| w.contains("altitude hardly varies")),
+        !v.model.identified && codes(&v).contains(&"not-identified-altitude"),
         "{:?}",
-        v.report.warnings
+        v.report.diagnostics
     );
     assert!(
-        v.report.warnings.iter().all(|w| !w.contains("contradicts")),
+        contradicted(&v).is_empty(),
         "from one height nothing can be said of the strobe: {:?}",
-        v.report.warnings
+        v.report.diagnostics
     );
 }
 
 #[test]
 fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
     let dive = Dive { seed: 141, frames: 40, ..Dive::default() };
-    let told = |v: &crate::support::judge::Verdict| {
-        v.report.warnings.iter().filter(|w| w.contains("contradicts")).cloned().collect::<Vec<_>>()
-    };
     let (v, _) = judged(&dive, &Options::default());
-    assert!(told(&v).is_empty(), "{:?}", told(&v));
+    assert!(contradicted(&v).is_empty(), "{:?}", contradicted(&v));
 
     let late = Options {
         rig: toml::from_str("[time_offset_s]\n\"/camera/image_raw\" = 0.2\n").expect("a rig"),
@@ -414,11 +428,11 @@ fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
     let (v, _) = judged(&dive, &late);
     let check = v.model.mount_check.as_ref().expect("a check");
     assert!((check.clock_offset_s + 0.2).abs() < 0.03, "{check:?}");
-    assert!(
-        told(&v).iter().any(|w| w.contains("camera's clock") && w.contains("time_offset_s")),
-        "{:?}",
-        told(&v)
-    );
+    let time_offset = contradicted(&v).into_iter().find_map(|d| match d.fact {
+        Fact::ClockFact(ClockFact::CameraContradicted { time_offset_s, .. }) => Some(time_offset_s),
+        _ => None,
+    });
+    assert!(time_offset.is_some_and(|s| s.abs() < 0.03), "{:?}", contradicted(&v));
 
     // Pitched by 2° in the vehicle (y to port) is 2° too far about the camera's x (to starboard)
     // the other way.
@@ -430,26 +444,24 @@ fn a_late_clock_and_a_turned_mount_are_told_and_nothing_else_is() {
     );
     let check = v.model.mount_check.as_ref().expect("a check");
     assert!((check.turn_deg[0] - 2.0).abs() < 0.5 && check.turn_deg[1].abs() < 0.5, "{check:?}");
-    let words = told(&v).into_iter().find(|w| w.contains("dvl.mount")).expect("a remedy");
     // The remedy is the mount as it was rendered: half a turn about x.
-    let numbers = words
-        .split("rotation_xyzw = [")
-        .nth(1)
-        .and_then(|rest| rest.split(']').next())
-        .expect("a rotation");
-    let q: Vec<f64> = numbers.split(", ").map(|n| n.parse().expect("a number")).collect();
+    let q = contradicted(&v).into_iter().find_map(|d| match d.fact {
+        Fact::MountFact(MountFact::DvlContradicted { rotation_xyzw, .. }) => Some(rotation_xyzw),
+        _ => None,
+    });
+    let q = q.expect("a mount");
     assert!(
         q[0].abs() > 0.9999 && q[1].abs() < 0.008 && q[2].abs() < 0.02 && q[3].abs() < 0.008,
-        "{words}"
+        "{q:?}"
     );
 }
 
 #[test]
 fn ground_that_is_not_flat_is_followed_and_flat_ground_is_left_a_plane() {
     let dive = Dive { seed: 151, frames: 40, relief_m: 0.15, ..Dive::default() };
-    let is_told = |v: &Verdict| v.report.remarks.iter().any(|r| r.contains("not flat"));
+    let is_told = |v: &Verdict| codes(v).contains(&"seafloor-not-flat");
     let (v, truth) = judged(&dive, &Options::default());
-    assert!(is_told(&v), "{:?}", v.report.remarks);
+    assert!(is_told(&v), "{:?}", v.report.diagnostics);
     assert_near("ridges", &v, &truth, 0.06, 0.05, 0.04);
     let mut off = Options::default();
     off.config.seafloor.relief = Switch::Off;
@@ -461,7 +473,7 @@ fn ground_that_is_not_flat_is_followed_and_flat_ground_is_left_a_plane() {
         v.reflectance_error
     );
     let (flat, _) = judged(&Dive { relief_m: 0.0, frames: 24, ..dive }, &Options::default());
-    assert!(!is_told(&flat), "{:?}", flat.report.remarks);
+    assert!(!is_told(&flat), "{:?}", flat.report.diagnostics);
 }
 
 #[test]
@@ -469,7 +481,7 @@ fn a_return_leg_is_matched_with_the_way_out() {
     let dive = Dive { seed: 161, frames: 48, return_leg: true, ..Dive::default() };
     let (v, truth) = judged(&dive, &Options::default());
     assert_near("return leg", &v, &truth, 0.03, 0.05, 0.03);
-    let longest = v.model.estimators["joint"].details["longest_track_frames"];
+    let longest = v.model.estimators[&Estimator::Joint].details["longest_track_frames"];
     assert!(longest > 20.0, "the way out and the way back share no point: {longest}");
 }
 
@@ -478,9 +490,14 @@ fn two_strobes_are_told_from_one() {
     let dive = Dive { seed: 171, frames: 40, second_strobe: true, ..Dive::default() };
     let (v, truth) = judged(&dive, &Options::default());
     assert!(
-        v.report.remarks.iter().any(|r| r.contains("second_strobe_optical_frame")),
+        v.report.diagnostics.iter().any(|d| match &d.fact {
+            Fact::MountFact(MountFact::SeveralStrobes { frames, used: 2 }) => {
+                frames.iter().any(|f| f == "second_strobe_optical_frame")
+            }
+            _ => false,
+        }),
         "{:?}",
-        v.report.remarks
+        v.report.diagnostics
     );
     let mut named = Options::default();
     named.selection.strobe_frame = Some("strobe_optical_frame".into());

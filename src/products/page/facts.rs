@@ -6,8 +6,9 @@ use std::fmt::Write as _;
 use std::time::{Duration, UNIX_EPOCH};
 
 use super::super::dive::{CameraLog, CorrectedLog};
-use super::remedies::remedy;
-use crate::model::ModelFile;
+use crate::config::Estimator;
+use crate::diagnostics::{Diagnostic, Fact, Severity};
+use crate::model::{AttenuationKind, ModelFile};
 use crate::plot::escape_markup;
 use crate::units::Stamp;
 
@@ -49,7 +50,7 @@ pub fn section(log: &CorrectedLog, camera: &CameraLog, number: usize, place: &st
     } else {
         String::new()
     };
-    let left_out = list("Cameras that were left as they are", &camera.report.cameras_left_out);
+    let left_out = list(camera.report.of(Severity::Loss).filter(|d| !d.is_uncorrected()));
     format!(
         "{heading}{name}{}{}{}{}{left_out}",
         overview(log, camera),
@@ -181,8 +182,8 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
         .collect();
     format!(
         "<section><h2>What was done</h2><dl>{rows}</dl>{}{}</section>\n",
-        list("Damage: what could not be read", &damage),
-        list("Damage", &of_log)
+        titled("Damage: what could not be read", &damage),
+        titled("Damage", &of_log)
     )
 }
 
@@ -208,24 +209,23 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
              k-{name}\"></span>{name}</th><td>{alpha:.4}</td><td>{interval}</td></tr>"
         );
     }
-    let kind = match model.attenuation_kind.as_str() {
-        "physical" => {
+    let kind = match model.attenuation_kind {
+        AttenuationKind::Physical => {
             "<b>Physical</b>: the spreading of the strobe's light is modelled apart, and α is the \
              water's own."
         }
-        _ => {
+        AttenuationKind::Effective => {
             "<b>Effective</b>: spreading is not modelled, and α holds it too. Not to be compared \
              with values of the water."
         }
     };
     let identified = match (&model.not_identified_because, model.identified) {
-        (None, true) => "<p class=\"yes\">Identified: the log can tell it.</p>".to_string(),
+        (None, true) => "<p class=\"yes\">Identified: the log determines it.</p>".to_string(),
         (why, _) => {
-            let why = why.clone().unwrap_or_else(|| "the log cannot tell it".into());
-            let helps = remedy(&why).map_or_else(String::new, |r| {
-                format!(" <span class=\"remedy\">{}</span>", escape_markup(r))
-            });
-            format!("<p class=\"no\"><b>Not identified</b>: {}.{helps}</p>", escape_markup(&why))
+            let why = why.as_deref().unwrap_or("the log does not determine it");
+            let found = model.diagnostics.iter().find(|d| d.is_not_identified());
+            let helps = found.map_or_else(String::new, remedy);
+            format!("<p class=\"no\"><b>Not identified</b>: {}.{helps}</p>", escape_markup(why))
         }
     };
     format!(
@@ -234,7 +234,7 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
          [1/m]</th><th scope=\"col\">95 % interval \
          [1/m]</th></tr></thead><tbody>{rows}</tbody></table></div><p>{kind} The {} estimator's \
          answer.</p>{}</section>\n",
-        escape_markup(&model.estimator),
+        model.estimator.word(),
         estimators(model)
     )
 }
@@ -246,13 +246,13 @@ fn estimators(model: &ModelFile) -> String {
             |v| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(" / "),
         )
     };
-    let row = |(name, answer): (&String, &crate::model::EstimatorAnswer)| {
+    let row = |(name, answer): (&Estimator, &crate::model::EstimatorAnswer)| {
         let residual = answer.residual.map_or_else(|| "–".into(), |r| format!("{r:.4}"));
         let note = answer.note.as_deref().unwrap_or("");
         format!(
             "<tr><th scope=\"row\">{}</th><td>{}</td><td>{}</td><td>{}</td><td>{residual}</td><td \
              class=\"words\">{}</td></tr>",
-            escape_markup(name),
+            name.word(),
             three(&answer.attenuation_per_m),
             three(&answer.attenuation_std_per_m),
             answer.observations,
@@ -261,7 +261,7 @@ fn estimators(model: &ModelFile) -> String {
     };
     let rows: String = model.estimators.iter().map(row).collect();
     format!(
-        "<details><summary>What each estimator says</summary><div \
+        "<details><summary>Estimates of each estimator</summary><div \
          class=\"wide\"><table><thead><tr><th scope=\"col\">estimator</th><th scope=\"col\">α \
          [1/m]</th><th scope=\"col\">standard deviation [1/m]</th><th \
          scope=\"col\">observations</th><th scope=\"col\">residual [log light]</th><th \
@@ -269,35 +269,35 @@ fn estimators(model: &ModelFile) -> String {
     )
 }
 
+/// The remedy of a diagnostic, in HTML.
+fn remedy(diagnostic: &Diagnostic) -> String {
+    let text = diagnostic.remedy();
+    text.map_or_else(String::new, |r| {
+        format!(" <span class=\"remedy\">{}.</span>", escape_markup(&r))
+    })
+}
+
+/// Diagnostics as a list, in HTML; nothing where there are none.
+fn list<'d>(diagnostics: impl Iterator<Item = &'d Diagnostic>) -> String {
+    let item = |d: &Diagnostic| {
+        let (code, text) = (escape_markup(d.code()), escape_markup(&d.to_string()));
+        format!("<li data-code=\"{code}\">{text}.{}</li>", remedy(d))
+    };
+    let items: String = diagnostics.map(item).collect();
+    if items.is_empty() { items } else { format!("<ul>{items}</ul>") }
+}
+
 fn warnings(camera: &CameraLog) -> String {
     // Why attenuation is not identified stands above already.
-    let warnings: Vec<&String> = camera
-        .report
-        .warnings
-        .iter()
-        .filter(|w| !w.starts_with("attenuation is not identified"))
-        .collect();
-    let item = |sentence: &&String| {
-        let helps = remedy(sentence).map_or_else(String::new, |r| {
-            format!(" <span class=\"remedy\">{}</span>", escape_markup(r))
-        });
-        format!("<li>{}.{helps}</li>", escape_markup(sentence))
-    };
-    let body = if warnings.is_empty() {
-        "<p>None.</p>".to_string()
+    let warnings = list(camera.report.of(Severity::Warning).filter(|d| !d.is_not_identified()));
+    let body = if warnings.is_empty() { "<p>None.</p>".into() } else { warnings };
+    let infos = list(camera.report.of(Severity::Info));
+    let infos = if infos.is_empty() {
+        infos
     } else {
-        format!("<ul>{}</ul>", warnings.iter().map(item).collect::<String>())
+        format!("<details><summary>What was assumed or mended</summary>{infos}</details>")
     };
-    let remarks: String =
-        camera.report.remarks.iter().map(|r| format!("<li>{}</li>", escape_markup(r))).collect();
-    let remarks = if remarks.is_empty() {
-        String::new()
-    } else {
-        format!(
-            "<details><summary>What was assumed or mended</summary><ul>{remarks}</ul></details>"
-        )
-    };
-    format!("<section><h2>Warnings</h2>{body}{remarks}</section>\n")
+    format!("<section><h2>Warnings</h2>{body}{infos}</section>\n")
 }
 
 fn uncorrected(camera: &CameraLog) -> String {
@@ -314,14 +314,19 @@ fn uncorrected(camera: &CameraLog) -> String {
         if stamps.len() > NAMED_FRAMES {
             times.push(format!("and {} more", stamps.len() - NAMED_FRAMES));
         }
-        let helps = remedy(reason).unwrap_or("");
+        let is_meant = |d: &&Diagnostic| match &d.fact {
+            Fact::Uncorrected(u) => u.reason.to_string() == **reason,
+            _ => false,
+        };
+        let known = camera.report.diagnostics.iter().find(is_meant);
+        let helps = known.and_then(Diagnostic::remedy).unwrap_or_default();
         format!(
             "<tr><td>{}</td><td class=\"words\">{}</td><td class=\"words\">{}</td><td \
              class=\"words\">{}</td></tr>",
             stamps.len(),
             escape_markup(reason),
             escape_markup(&times.join(", ")),
-            escape_markup(helps)
+            escape_markup(&helps)
         )
     };
     let rows: String = by_reason.iter().map(row).collect();
@@ -344,7 +349,7 @@ pub fn settings(log: &CorrectedLog, camera: &CameraLog, number: usize) -> String
     )
 }
 
-fn list(title: &str, sentences: &[String]) -> String {
+fn titled(title: &str, sentences: &[String]) -> String {
     if sentences.is_empty() {
         return String::new();
     }

@@ -4,6 +4,7 @@
 use super::super::dive::CameraLog;
 use super::facts::{NINETY_FIVE, band_names, time_of};
 use super::{Figure, Seen};
+use crate::config::Estimator;
 use crate::model::EstimatorAnswer;
 use crate::plot::{Axis, Plot, Ramp, Shape};
 use crate::units::Stamp;
@@ -28,7 +29,7 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
         .filter(|s| s.altitude_m.is_finite() && s.mean_light[..s.bands].iter().all(|v| *v > 0.0))
         .collect();
     let bands = camera.model.attenuation_per_m.len();
-    let answer = camera.model.estimators.get("altitude");
+    let answer = camera.model.estimators.get(&Estimator::Altitude);
     let names =
         ["channel_means_red_per_m", "channel_means_green_per_m", "channel_means_blue_per_m"];
     let used: Option<Vec<f64>> =
@@ -95,7 +96,7 @@ pub fn channel_means(camera: &CameraLog, seen: &[Seen], no_raw: &str, place: &st
                  says {}. The run used the {} estimator.",
                 joined(u.iter().copied()),
                 joined(a.iter().copied()),
-                crate::plot::escape_markup(&camera.model.estimator)
+                camera.model.estimator.word()
             ),
             _ => {
                 let why = answer.and_then(|a| a.note.as_deref()).unwrap_or("no answer");
@@ -126,7 +127,7 @@ fn fitted_slope(points: &[(f64, f64)]) -> Option<f64> {
 pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
     let title = "Attenuation image by image, before and after beam pattern correction (Fig. 8)";
     let nothing = EstimatorAnswer::default();
-    let answer = camera.model.estimators.get("pairs").unwrap_or(&nothing);
+    let answer = camera.model.estimators.get(&Estimator::Pairs).unwrap_or(&nothing);
     let bands = camera.model.attenuation_per_m.len();
     let images: Vec<_> = answer
         .by_image
@@ -208,7 +209,7 @@ pub fn pairs_by_image(camera: &CameraLog, place: &str) -> Figure {
         images.len(),
         answer.observations,
         all.len(),
-        crate::plot::escape_markup(&camera.model.estimator)
+        camera.model.estimator.word()
     );
     Figure::of("pairs", title, Ok(body), &caption)
 }

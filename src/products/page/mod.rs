@@ -8,7 +8,6 @@
 mod before_after;
 mod facts;
 mod figures;
-mod remedies;
 mod stages;
 mod track;
 
@@ -17,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::dive::{CameraLog, CorrectedLog, Pictures};
 use super::pictures::downscale;
 use super::places::Places;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::LinearImage;
 use crate::plot::escape_markup;
 use crate::recording::Window;
@@ -120,8 +119,7 @@ fn of_camera(
 ) -> String {
     // The first camera's figures have plain names.
     let place = if number == 0 { String::new() } else { format!("c{number}-") };
-    let bench =
-        log.bench(camera, Pictures::Raw, options).map_err(|e| why_no_bench(camera, &e.to_string()));
+    let bench = log.bench(camera, Pictures::Raw, options).map_err(|e| why_no_bench(camera, &e));
     let shown = shown_frames(
         camera,
         if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES },
@@ -156,16 +154,13 @@ fn of_camera(
         + &facts::settings(log, camera, number)
 }
 
-fn why_no_bench(camera: &CameraLog, error: &str) -> String {
-    let is_gone = error.contains("there is no camera");
-    let topic = camera.fact("camera_topic");
-    if is_gone {
-        format!(
-            "the raw pictures ({topic}) are not in this log, which was written with --drop-raw or \
+fn why_no_bench(camera: &CameraLog, error: &Error) -> String {
+    match error {
+        Error::NoSuchTopic { topic, .. } if topic == camera.fact("camera_topic") => format!(
+            "the raw images ({topic}) are not in this log, which was written with --drop-raw or \
              --only"
-        )
-    } else {
-        error.into()
+        ),
+        other => other.to_string(),
     }
 }
 

@@ -1,33 +1,23 @@
-//! What is odd about a log without being damage.
+//! Diagnostics of a log as a file: what is unusual without being damage.
 
 use std::collections::BTreeMap;
 
 use super::Recording;
+use crate::diagnostics::{Diagnostic, LogFact};
 
 impl Recording {
-    /// What is odd about the log without being damage: for `inspect`.
-    pub fn notes(&self) -> Vec<String> {
-        let mut notes = Vec::new();
+    /// What is unusual without being damage: for `inspect`.
+    pub fn diagnostics(&self) -> Vec<Diagnostic> {
+        let mut diagnostics: Vec<Diagnostic> = Vec::new();
         if self.bare_messages > 0 {
-            let outside = self.bare_messages;
-            notes.push(format!(
-                "{outside} messages lie outside of chunks, with no checksum that would tell \
-                 damage; rerun shows none of them"
-            ));
+            diagnostics.push(LogFact::OutsideChunks { messages: self.bare_messages }.into());
         }
-        let unchecked = self.blocks.iter().filter(|b| b.is_chunk() && !b.is_checked()).count();
-        if unchecked > 0 {
-            notes.push(format!(
-                "{unchecked} of {} chunks have no checksum: damage inside them cannot be told",
-                self.chunk_count()
-            ));
+        let chunks = self.blocks.iter().filter(|b| b.is_chunk() && !b.is_checked()).count();
+        if chunks > 0 {
+            diagnostics.push(LogFact::WithoutChecksum { chunks, of: self.chunk_count() }.into());
         }
         if self.is_complete && !self.has_summary {
-            notes.push(
-                "there is no summary: other programs may show nothing, or ask to recover it. The \
-                 corrected log has one"
-                    .into(),
-            );
+            diagnostics.push(LogFact::NoSummary.into());
         }
         let mut by_name: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
         for schema in self.schemas.values() {
@@ -37,19 +27,17 @@ impl Recording {
             }
         }
         for (name, definitions) in by_name.into_iter().filter(|(_, d)| d.len() > 1) {
-            notes.push(format!(
-                "{} different schemas are named {name}; each channel is read by its own",
-                definitions.len()
-            ));
+            let (name, schemas) = (name.into(), definitions.len());
+            diagnostics.push(LogFact::SchemaNameReused { name, schemas }.into());
         }
         let mut by_topic: BTreeMap<&str, usize> = BTreeMap::new();
         self.channels.values().for_each(|c| *by_topic.entry(&c.topic).or_default() += 1);
-        notes.extend(
-            by_topic
-                .into_iter()
-                .filter(|(_, n)| *n > 1)
-                .map(|(topic, n)| format!("{topic} has {n} channels")),
+        let several = by_topic.into_iter().filter(|(_, channels)| *channels > 1);
+        diagnostics.extend(
+            several.map(|(topic, channels)| {
+                Diagnostic::on(topic, LogFact::SeveralChannels { channels })
+            }),
         );
-        notes
+        diagnostics
     }
 }

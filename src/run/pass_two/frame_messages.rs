@@ -5,9 +5,10 @@ use super::tally::Tally;
 use super::{Added, Done, OfCamera};
 use crate::coordinates::{Direction, Optical};
 use crate::correct::FrameFacts;
+use crate::diagnostics::{Severity, Uncorrected};
 use crate::messages::Header;
-use crate::messages::output::{self, Level};
-use crate::model::LightSettingFile;
+use crate::messages::output::{self, LogLine};
+use crate::model::{AttenuationKind, LightSettingFile};
 use crate::recording::{NewChannel, Output};
 use crate::units::Stamp;
 
@@ -29,8 +30,8 @@ impl OfCamera<'_> {
         };
         let stamp = done.header.stamp.unwrap_or(done.message.log_stamp());
         if is_first {
-            for (level, text) in self.opening_lines() {
-                put(out, added.log, &output::log(self.wire, stamp, level, &text));
+            for line in self.opening_lines() {
+                put(out, added.log, &output::log(self.wire, stamp, &line));
             }
             put(out, added.beam_pattern, &self.beam_pattern_message(&done.header));
             let picture = super::super::beam_picture::png(&self.model.beam_pattern);
@@ -72,7 +73,7 @@ impl OfCamera<'_> {
             out,
             added.attenuation,
             &attenuation
-                .u8(u8::from(self.file.attenuation_kind == "physical"))
+                .u8(u8::from(self.file.attenuation_kind == AttenuationKind::Physical))
                 .u8(u8::from(self.file.identified))
                 .finish(),
         );
@@ -127,13 +128,10 @@ impl OfCamera<'_> {
             ]);
         put(out, added.frame, &frame.finish());
         if let Err(reason) = &done.result
-            && tally.uncorrected.get(&reason.to_string()) == Some(&1)
+            && tally.frames_of(reason) == 1
         {
-            put(
-                out,
-                added.log,
-                &output::log(self.wire, stamp, Level::Warn, &format!("not corrected: {reason}")),
-            );
+            let first = Uncorrected { frames: 1, reason: reason.clone() };
+            put(out, added.log, &output::log(self.wire, stamp, &LogLine::of(&first.into())));
         }
         count
     }
@@ -150,33 +148,25 @@ impl OfCamera<'_> {
         }
     }
 
-    fn opening_lines(&self) -> Vec<(Level, String)> {
-        let (alpha, kind) = (self.file.attenuation_text(), &self.file.attenuation_kind);
-        let mut lines = vec![(
-            Level::Info,
-            format!(
-                "{kind} attenuation {alpha} per metre, by the {} estimator",
-                self.file.estimator
-            ),
-        )];
-        lines.extend(
-            self.file
-                .not_identified_because
-                .iter()
-                .map(|why| (Level::Warn, format!("attenuation is not identified: {why}"))),
-        );
-        lines.extend(
-            self.survey
-                .warnings
-                .iter()
-                .chain(self.model_warnings)
-                .map(|w| (Level::Warn, w.clone())),
-        );
-        let followed = |s: &LightSettingFile| {
-            format!("{} ({}): the frames' light follows it as {}", s.topic, s.name, s.law.word())
+    fn opening_lines(&self) -> Vec<LogLine> {
+        let mut lines = vec![LogLine::info(format!(
+            "{} attenuation {} per metre, by the {} estimator",
+            self.file.attenuation_kind.word(),
+            self.file.attenuation_text(),
+            self.file.estimator.word()
+        ))];
+        let diagnostics = [self.model_diagnostics, &self.survey.diagnostics].concat();
+        let of = |severity: Severity| {
+            let of_severity = diagnostics.iter().filter(move |d| d.severity() == severity);
+            of_severity.map(LogLine::of)
         };
-        lines.extend(self.file.light_settings.iter().map(|s| (Level::Info, followed(s))));
-        lines.extend(self.survey.remarks.iter().map(|r| (Level::Info, r.clone())));
+        lines.extend(of(Severity::Warning));
+        let followed = |s: &LightSettingFile| {
+            let law = s.law.word();
+            LogLine::info(format!("{} ({}): image brightness follows it as {law}", s.topic, s.name))
+        };
+        lines.extend(self.file.light_settings.iter().map(followed));
+        lines.extend(of(Severity::Info));
         lines
     }
 

@@ -5,6 +5,7 @@ use std::cell::RefCell;
 
 use crate::config::Config;
 use crate::correct::{Corrected, Correction, Frame};
+use crate::diagnostics::{Diagnostic, Reason};
 use crate::error::Result;
 use crate::geometry::{NoSeafloor, View};
 use crate::image::decode::{self, CameraResponse};
@@ -16,7 +17,7 @@ use crate::messages::writer::WireFormat;
 use crate::messages::{Header, Kind, header};
 use crate::model::{ImagingModel, ModelFile};
 use crate::recording::{Message, Output, Recording, Schema};
-use crate::report::{Reason, Report};
+use crate::report::Report;
 use crate::session::index::Scan;
 use crate::session::survey::Survey;
 
@@ -34,6 +35,14 @@ struct Memory {
 
 thread_local! {
     static MEMORY: RefCell<Memory> = RefCell::default();
+}
+
+fn undecodable(reason: String) -> Reason {
+    Reason::Undecodable { reason }
+}
+
+fn unencodable(reason: String) -> Reason {
+    Reason::Unencodable { reason }
 }
 
 /// A camera that is corrected, and all that pass two needs for it.
@@ -54,8 +63,8 @@ pub struct OfCamera<'p> {
     pub correction: Correction<'p>,
     /// the rig, as a rig file's text
     pub rig_toml: &'p str,
-    /// what pass one warned of
-    pub model_warnings: &'p [String],
+    /// those of the model
+    pub model_diagnostics: &'p [Diagnostic],
     /// what stands behind `/unwater` in the names of all but the first camera
     pub place: String,
 }
@@ -80,20 +89,7 @@ impl OfCamera<'_> {
             ),
             dvl_topic: self.survey.dvl_topic.clone(),
             method: method_name(self.config.render.method).into(),
-            remarks: self.survey.remarks.clone(),
-            warnings: self
-                .survey
-                .warnings
-                .iter()
-                .chain(self.model_warnings)
-                .cloned()
-                .chain(
-                    self.file
-                        .not_identified_because
-                        .iter()
-                        .map(|why| format!("attenuation is not identified: {why}")),
-                )
-                .collect(),
+            diagnostics: [&self.survey.diagnostics, self.model_diagnostics].concat(),
             ..Report::default()
         }
     }
@@ -164,11 +160,11 @@ impl OfCamera<'_> {
                 .scan
                 .decoders
                 .get(&message.channel)
-                .ok_or_else(|| Reason::Undecodable("its channel is not read".into()))?;
-            let value = decoder.read(message.data()).map_err(Reason::Undecodable)?;
+                .ok_or_else(|| undecodable("its channel is not read".into()))?;
+            let value = decoder.read(message.data()).map_err(undecodable)?;
             said = header(&value);
             let Kind::Image(read) = decoder.message_type.kind else {
-                return Err(Reason::Undecodable("no picture".into()));
+                return Err(undecodable("no image".into()));
             };
             let Survey { white_level, response, .. } = self.survey;
             let light = CameraResponse {
@@ -176,17 +172,17 @@ impl OfCamera<'_> {
                 white_level: *white_level,
                 response: response.as_ref(),
             };
-            let picture = read(&value).map_err(Reason::Undecodable)?;
+            let picture = read(&value).map_err(undecodable)?;
             let codes =
                 decode::read_pixels_with(&picture, light, std::mem::take(&mut memory.codes))
-                    .map_err(Reason::Undecodable)?;
+                    .map_err(undecodable)?;
             let (width, height, bands) = (codes.width, codes.height, codes.bands());
             let flat_field = self.survey.flat_field.as_ref();
             flat_field
                 .map_or(Ok(()), |flat| flat.check_size(width, height))
                 .map_err(|_sizes| Reason::WrongSize)?;
             if self.needs_preview() {
-                preview = Some(self.preview(&said, &codes, srgb).map_err(Reason::Unencodable)?);
+                preview = Some(self.preview(&said, &codes, srgb).map_err(unencodable)?);
             }
             let stamp = self.survey.frames.get(index).map_or(message.log_stamp(), |f| f.stamp);
             let found = self
@@ -202,7 +198,7 @@ impl OfCamera<'_> {
             let camera =
                 self.survey.rig.camera.scaled_to(width, height).ok_or(Reason::WrongSize)?;
             if bands != self.model.bands {
-                return Err(Reason::Undecodable(format!(
+                return Err(undecodable(format!(
                     "it has {bands} bands, the model {}",
                     self.model.bands
                 )));
@@ -238,7 +234,7 @@ impl OfCamera<'_> {
             let Corrected { mask, facts } =
                 Correction { model: &now, ..self.correction }.apply(&frame, take);
             if facts.off_surface_share >= 1.0 {
-                return Err(Reason::OffSurface);
+                return Err(Reason::OffSeafloor);
             }
             let subsampled = codes.coding.container == Container::Jpeg { subsampled: true };
             memory.codes = codes.into_buffer();
@@ -274,7 +270,7 @@ impl OfCamera<'_> {
                     facts,
                 })
             };
-            let shown = shown().map_err(Reason::Unencodable);
+            let shown = shown().map_err(unencodable);
             memory.samples = samples;
             shown
         })();

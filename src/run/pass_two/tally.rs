@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 
 use super::{Done, Shown};
+use crate::diagnostics::{Diagnostic, Reason, Uncorrected};
 use crate::report::Report;
 
 /// Running counts over the frames.
 #[derive(Default)]
 pub struct Tally {
     pub corrected: usize,
-    pub uncorrected: BTreeMap<String, usize>,
+    uncorrected: Vec<Uncorrected>,
     planes: BTreeMap<String, usize>,
     altitude: Option<[f64; 2]>,
     shares: BTreeMap<&'static str, f64>,
@@ -21,7 +22,10 @@ impl Tally {
             *self.planes.entry(plane.support.word().into()).or_default() += 1;
         }
         match &done.result {
-            Err(reason) => *self.uncorrected.entry(reason.to_string()).or_default() += 1,
+            Err(reason) => match self.uncorrected.iter_mut().find(|u| u.reason == *reason) {
+                Some(known) => known.frames += 1,
+                None => self.uncorrected.push(Uncorrected { frames: 1, reason: reason.clone() }),
+            },
             Ok(Shown { facts: f, .. }) => {
                 self.corrected += 1;
                 let [low, high] = self.altitude.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
@@ -40,9 +44,16 @@ impl Tally {
         }
     }
 
+    /// Frames that a reason kept from being corrected so far.
+    pub fn frames_of(&self, reason: &Reason) -> usize {
+        self.uncorrected.iter().find(|u| u.reason == *reason).map_or(0, |u| u.frames)
+    }
+
     pub fn into_report(self, report: &mut Report) {
         report.corrected = self.corrected;
-        report.uncorrected = self.uncorrected;
+        let by_reason = self.uncorrected.iter().map(|u| (u.reason.to_string(), u.frames));
+        report.uncorrected = by_reason.collect();
+        report.diagnostics.extend(self.uncorrected.into_iter().map(Diagnostic::from));
         report.planes = self.planes;
         report.camera_altitude_m = self.altitude;
         report.mean_shares = self

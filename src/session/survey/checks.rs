@@ -1,6 +1,7 @@
 //! What a survey holds against each other: ranges and altitudes, stamps and log times, pictures and
 //! calibrations. It reports and switches nothing.
 
+use crate::diagnostics::{CameraFact, ClockFact, Diagnostic, RangeFact};
 use crate::messages::AltitudeCheck;
 use crate::recording::Recording;
 use crate::units::{SlantRange, Stamp};
@@ -41,7 +42,7 @@ pub fn nearest_calibration(
 }
 
 /// Places of depth pictures become beams, now that calibrations are known.
-pub fn depths_to_beams(recording: &Recording, scan: &mut Scan, warnings: &mut Vec<String>) {
+pub fn depths_to_beams(recording: &Recording, scan: &mut Scan, diagnostics: &mut Vec<Diagnostic>) {
     let with_depths: Vec<u16> =
         scan.channels.iter().filter(|(_, c)| !c.depths.is_empty()).map(|(id, _)| *id).collect();
     for id in with_depths {
@@ -51,9 +52,7 @@ pub fn depths_to_beams(recording: &Recording, scan: &mut Scan, warnings: &mut Ve
         let camera = nearest_calibration(recording, scan, &topic, size);
         let Some(channel) = scan.channels.get_mut(&id) else { continue };
         let Some(camera) = camera.zip(size).and_then(|(c, (w, h))| c.scaled_to(w, h)) else {
-            warnings.push(format!(
-                "{topic}: depth pictures without a calibration that fits them; they are not used"
-            ));
+            diagnostics.push(Diagnostic::on(&topic, CameraFact::DepthWithoutCalibration));
             continue;
         };
         let depths = std::mem::take(&mut channel.depths);
@@ -75,58 +74,38 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 /// The altitude of an instrument with four good beams is cos θ of their mean where they are slant,
 /// and the mean itself where they are vertical.
-pub fn slant_or_vertical(heights: &[AltitudeCheck]) -> Option<String> {
+pub fn slant_or_vertical(heights: &[AltitudeCheck]) -> Option<RangeFact> {
     let kind = heights.first()?.kind;
     if heights.len() < LEAST_MESSAGES {
         return None;
     }
-    let ratio = median(heights.iter().map(|h| h.ratio).collect());
-    let cosine = median(heights.iter().map(|h| h.cosine).collect());
-    if cosine > LARGEST_COSINE {
+    let altitude_ratio = median(heights.iter().map(|h| h.ratio).collect());
+    let slant_ratio = median(heights.iter().map(|h| h.cosine).collect());
+    let messages = heights.len();
+    if slant_ratio > LARGEST_COSINE {
         return None;
     }
-    let numbers = format!(
-        "its altitude is {ratio:.3} of the mean range over {} messages with all beams",
-        heights.len()
-    );
-    let looks_vertical = ratio > (1.0 + cosine) / 2.0;
-    let said = |is: &str| {
-        format!(
-            "slant ranges give {cosine:.3}, vertical ones 1.000. They are read as {is} and \
-             nothing is switched"
-        )
-    };
-    if !(0.8 * cosine..=1.2).contains(&ratio) {
-        return Some(format!(
-            "{numbers}: it fits neither; {}",
-            said(if kind == RangeKind::Vertical { "vertical" } else { "slant" })
-        ));
+    if !(0.8 * slant_ratio..=1.2).contains(&altitude_ratio) {
+        return Some(RangeFact::ContradictAltitude { altitude_ratio, slant_ratio, messages });
     }
-    match (kind, looks_vertical) {
-        (RangeKind::Slant, true) => Some(format!(
-            "{numbers}; {}. If the maker's manual says vertical, write `ranges = \"vertical\"` \
-             under [dvl] in rig.toml (some drivers call the mean slant range altitude)",
-            said("slant")
-        )),
-        (RangeKind::Vertical, false) => Some(format!(
-            "{numbers}; {}. If the maker's manual says slant, write `ranges = \"slant\"` under \
-             [dvl] in rig.toml",
-            said("vertical")
-        )),
+    match (kind, altitude_ratio > (1.0 + slant_ratio) / 2.0) {
+        (RangeKind::Slant, true) => {
+            Some(RangeFact::LookVertical { altitude_ratio, slant_ratio, messages })
+        }
+        (RangeKind::Vertical, false) => {
+            Some(RangeFact::LookSlant { altitude_ratio, slant_ratio, messages })
+        }
         _ => None,
     }
 }
 
-/// Altitudes that stand still, and ranges that look like an instrument's limit.
-pub fn ranges(pings: &[(Ping, Stamp)]) -> Vec<String> {
+/// Altitudes that do not change, and ranges that look like an instrument's limit.
+pub fn ranges(pings: &[(Ping, Stamp)]) -> Vec<RangeFact> {
     let mut found = Vec::new();
     let altitudes: Vec<f64> = pings.iter().filter_map(|(p, _)| p.altitude.map(|a| a.0)).collect();
     let still = altitudes.chunk_by(|a, b| a == b).map(<[f64]>::len).max().unwrap_or(0);
     if still >= FROZEN_MESSAGES {
-        found.push(format!(
-            "its altitude stands still for {still} messages: many drivers freeze it at the last \
-             good value"
-        ));
+        found.push(RangeFact::AltitudeFrozen { messages: still });
     }
     let ranges: Vec<f64> = pings
         .iter()
@@ -135,39 +114,30 @@ pub fn ranges(pings: &[(Ping, Stamp)]) -> Vec<String> {
     let most = ranges.iter().copied().fold(0.0, f64::max);
     let at_most = ranges.iter().filter(|r| **r == most).count();
     if at_most >= FROZEN_MESSAGES && at_most < ranges.len() {
-        found.push(format!(
-            "{at_most} ranges are exactly {most} m, the largest of all: if that is the \
-             instrument's limit and means no echo, write max_range_m = {most} under [dvl] in \
-             rig.toml"
-        ));
+        found.push(RangeFact::RangeLimit { ranges: at_most, range_m: most });
     }
     found
 }
 
 /// Stamps that are missing, of another clock, that stand still or run backwards.
-pub fn clock(channel: &ChannelScan, stamps: &[Stamp]) -> Vec<String> {
+pub fn clock(channel: &ChannelScan, stamps: &[Stamp]) -> Vec<ClockFact> {
     let mut found = Vec::new();
     // A message type without any header is no surprise.
     if channel.unstamped > 0 && (channel.unstamped < channel.count || !channel.frame_id.is_empty())
     {
-        found.push(format!(
-            "{} of {} messages have no stamp or one of 0; the log's time is used for them",
-            channel.unstamped, channel.count
-        ));
+        found.push(ClockFact::Missing { missing: channel.unstamped, messages: channel.count });
     }
-    if let Some(offset) = channel.clock_offset_s.filter(|o| o.abs() > DEVICE_CLOCK_S) {
-        found.push(format!(
-            "its stamps are {offset:+.1} s from the log's times: a device's own clock"
-        ));
+    if let Some(offset_s) = channel.clock_offset_s.filter(|o| o.abs() > DEVICE_CLOCK_S) {
+        found.push(ClockFact::DeviceClock { offset_s });
     }
     let pairs = || stamps.iter().zip(stamps.iter().skip(1));
     let (same, back) =
         (pairs().filter(|(a, b)| a == b).count(), pairs().filter(|(a, b)| b < a).count());
     if same > 0 {
-        found.push(format!("{same} messages have the stamp of the one before"));
+        found.push(ClockFact::Repeated { messages: same });
     }
     if back > 0 {
-        found.push(format!("{back} messages are stamped earlier than the one before"));
+        found.push(ClockFact::Backwards { messages: back });
     }
     found
 }
@@ -182,23 +152,19 @@ mod tests {
         let heights = |ratio: f64, kind| vec![AltitudeCheck { ratio, cosine: 0.924, kind }; 8];
         assert_eq!(slant_or_vertical(&heights(0.925, RangeKind::Slant)), None);
         assert_eq!(slant_or_vertical(&heights(0.998, RangeKind::Vertical)), None);
-        assert!(
-            slant_or_vertical(&heights(0.998, RangeKind::Slant))
-                .is_some_and(|w| w.contains("ranges = \"vertical\""))
-        );
-        assert!(
-            slant_or_vertical(&heights(0.925, RangeKind::Vertical))
-                .is_some_and(|w| w.contains("ranges = \"slant\""))
-        );
-        assert!(
-            slant_or_vertical(&heights(2.0, RangeKind::Slant))
-                .is_some_and(|w| w.contains("neither"))
-        );
+        let found = |ratio, kind| slant_or_vertical(&heights(ratio, kind));
+        let (slant_ratio, messages) = (0.924, 8);
+        let vertical = RangeFact::LookVertical { altitude_ratio: 0.998, slant_ratio, messages };
+        assert_eq!(found(0.998, RangeKind::Slant), Some(vertical));
+        let slant = RangeFact::LookSlant { altitude_ratio: 0.925, slant_ratio, messages };
+        assert_eq!(found(0.925, RangeKind::Vertical), Some(slant));
+        let neither = RangeFact::ContradictAltitude { altitude_ratio: 2.0, slant_ratio, messages };
+        assert_eq!(found(2.0, RangeKind::Slant), Some(neither));
         assert_eq!(slant_or_vertical(&heights(0.998, RangeKind::Slant)[..3]), None, "too few");
     }
 
     #[test]
-    fn frozen_altitudes_and_limits_are_told() {
+    fn frozen_altitudes_and_limits_are_reported() {
         let pings = |altitude: Option<f64>, range: Option<f64>, n: usize| {
             let beam = range
                 .map(|r| Beam { direction: Direction::boresight(), range: Some(SlantRange(r)) });
@@ -215,26 +181,28 @@ mod tests {
                 n
             ]
         };
-        assert!(ranges(&pings(Some(1.85), None, 30))[0].contains("stands still"));
+        let frozen = ranges(&pings(Some(1.85), None, 30));
+        assert_eq!(frozen, [RangeFact::AltitudeFrozen { messages: 30 }]);
         let limited = [pings(None, Some(81.0), 30), pings(None, Some(2.0), 1)].concat();
-        assert!(ranges(&limited)[0].contains("max_range_m = 81"));
+        assert_eq!(ranges(&limited), [RangeFact::RangeLimit { ranges: 30, range_m: 81.0 }]);
         assert!(ranges(&pings(Some(1.85), Some(2.0), 5)).is_empty());
     }
 
     #[test]
-    fn clocks_that_cannot_be_trusted_are_told() {
+    fn clocks_that_cannot_be_trusted_are_reported() {
         let channel = ChannelScan {
             count: 10,
             unstamped: 2,
             clock_offset_s: Some(-3.0e8),
             ..ChannelScan::default()
         };
-        let said = clock(&channel, &[Stamp(5), Stamp(5), Stamp(4)]).join("; ");
-        for word in
-            ["2 of 10", "device", "1 messages have the stamp", "1 messages are stamped earlier"]
-        {
-            assert!(said.contains(word), "{word}: {said}");
-        }
+        let expected = [
+            ClockFact::Missing { missing: 2, messages: 10 },
+            ClockFact::DeviceClock { offset_s: -3.0e8 },
+            ClockFact::Repeated { messages: 1 },
+            ClockFact::Backwards { messages: 1 },
+        ];
+        assert_eq!(clock(&channel, &[Stamp(5), Stamp(5), Stamp(4)]), expected);
         assert!(
             clock(&ChannelScan { count: 10, unstamped: 10, ..ChannelScan::default() }, &[])
                 .is_empty(),

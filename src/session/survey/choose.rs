@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::index::{ChannelScan, Scan};
 use super::{Selection, channel_list, topic};
+use crate::diagnostics::{CameraFact, Diagnostic};
 use crate::error::{Error, Result};
 use crate::messages::Kind;
 use crate::recording::Recording;
@@ -13,7 +14,7 @@ pub fn choose_camera(
     recording: &Recording,
     scan: &Scan,
     selection: &Selection,
-    remarks: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<String> {
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
     for (id, decoder) in &scan.decoders {
@@ -71,8 +72,9 @@ pub fn choose_camera(
         .filter(|t| topics.contains_key(t))
         .collect();
     for kept in &raw {
-        topics.remove(&format!("{kept}/compressed"));
-        remarks.push(format!("{kept} is used, not {kept}/compressed"));
+        let compressed_topic = format!("{kept}/compressed");
+        topics.remove(&compressed_topic);
+        diagnostics.push(Diagnostic::on(kept, CameraFact::RawPreferred { compressed_topic }));
     }
     match topics.len() {
         0 => Err(Error::NoCamera { seen: channel_list(recording) }),

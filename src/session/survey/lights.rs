@@ -4,6 +4,7 @@
 use super::Selection;
 use super::mounts::Mounts;
 use crate::coordinates::{Body, Direction, Optical, Strobe, Transform};
+use crate::diagnostics::{Diagnostic, MountFact};
 use crate::error::{Error, Result};
 use crate::vehicle::{Lamps, MAX_LAMPS, RigFile, StrobeMount};
 
@@ -34,7 +35,7 @@ pub fn strobe_mount(
     selection: &Selection,
     rig_file: &RigFile,
     body_from_optical: Transform<Body, Optical>,
-    remarks: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<StrobeMount> {
     if let Some(facts) = &rig_file.strobe.lamps {
         let mounts = facts
@@ -55,11 +56,7 @@ pub fn strobe_mount(
     if let Some(mount) = &rig_file.strobe.mount {
         let pose = mount.transform().map_err(Error::Rig)?;
         if ahead(&pose) < LEAST_AHEAD {
-            remarks.push(
-                "by its turn in the rig file the strobe does not shine where the camera looks: \
-                 its axis is z, see docs/rig.md"
-                    .into(),
-            );
+            diagnostics.push(MountFact::StrobeAxisOff.into());
         }
         return Ok(StrobeMount { lamps: Lamps::one(pose), source: Some("rig file".into()) });
     }
@@ -80,14 +77,11 @@ pub fn strobe_mount(
     // `strobe_link` with `strobe_optical_frame` below it is one light, not two.
     let optical: Vec<&str> = lights.iter().copied().filter(|f| f.contains("optical")).collect();
     let lights = if optical.is_empty() { lights } else { optical };
+    let names = || lights.iter().map(|frame| (*frame).into()).collect();
     let mut mounts: Vec<(Transform<Body, Strobe>, f64)> =
         lights.iter().take(MAX_LAMPS).filter_map(|f| Some((in_tf(f)?, 1.0))).collect();
     if mounts.iter().any(|(pose, _)| ahead(pose) < LEAST_AHEAD) {
-        remarks.push(format!(
-            "by its turn in the TF tree no light would shine from {} where the camera looks; it \
-             is taken to look as the camera does",
-            lights.join(", ")
-        ));
+        diagnostics.push(MountFact::StrobeOrientationReplaced { frames: names() }.into());
         for (pose, _) in &mut mounts {
             let mut as_camera = body_from_optical.isometry();
             as_camera.translation.vector = pose.origin().vector();
@@ -95,13 +89,8 @@ pub fn strobe_mount(
         }
     }
     if mounts.len() > 1 {
-        remarks.push(format!(
-            "several lights in the TF tree ({}): taken as equally strong and of one beam pattern, \
-             {} of them; name the one that shone with --strobe-frame, or strengths under \
-             [[strobe.lamps]] in a rig file",
-            lights.join(", "),
-            mounts.len()
-        ));
+        let used = mounts.len();
+        diagnostics.push(MountFact::SeveralStrobes { frames: names(), used }.into());
     }
     let at_camera = || Lamps::one(Transform::from_isometry(body_from_optical.isometry()));
     let lamps = match mounts.as_slice() {
