@@ -1,13 +1,16 @@
-//! DVL pings → the seafloor's plane below a frame → the way of light through each pixel (paper
-//! §IV-A, Fig. 5).
+//! DVL pings → seafloor plane below a frame → light path through each pixel (paper §IV-A, Fig. 5).
 
 mod light_path;
 mod ping_store;
+mod plane;
+mod plane_fit;
 mod seafloor;
 mod terrain;
+mod trajectory;
 
 pub use light_path::{
     LampPath, LightPath, MIN_COS_INCIDENCE, SeafloorPoint, StrobeAngles, View, light_path,
 };
-pub use seafloor::{NoSeafloor, SeafloorEstimator, SeafloorPlane, Support};
+pub use plane::{NoSeafloor, SeafloorPlane, Support};
+pub use seafloor::SeafloorEstimator;
 pub use terrain::Terrain;

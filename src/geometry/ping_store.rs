@@ -1,7 +1,5 @@
-//! All pings of a log in little memory: a dive of hours has hundreds of thousands, and an
-//! instrument looks the same way every time.
-//!
-//! In: pings in any order. Out: the same pings in the order of their stamps.
+//! Compact storage of all pings of a log: hours of diving have hundreds of thousands, and their
+//! beam directions repeat.
 
 use nalgebra::Vector3;
 
@@ -9,14 +7,15 @@ use crate::coordinates::{Direction, Dvl};
 use crate::units::{Altitude, SlantRange, Stamp};
 use crate::vehicle::{Beam, Ping};
 
-/// Sets of directions that a ping's are compared with: beams that come one by one take turns.
+/// Number of recent direction sets that a ping is compared with; drivers that send beams one by one
+/// cycle through several.
 const SETS_COMPARED: usize = 8;
 
-/// One ping; what there is none of is NaN.
+/// One ping; missing values are NaN.
 #[derive(Clone, Debug)]
 struct Packed {
     stamp: Stamp,
-    /// its first range and its first direction, and how many there are of both
+    /// indices of the first range and the first direction, and the number of both
     first_range: u32,
     first_direction: u32,
     beams: u32,
@@ -24,8 +23,7 @@ struct Packed {
     velocity_m_per_s: Vector3<f64>,
 }
 
-/// Pings, packed: 56 bytes each and 8 for each beam, where one with four beams takes 240 and more
-/// otherwise.
+/// Pings in time order: 56 bytes each and 8 per beam, against 240 for a [`Ping`] of four beams.
 #[derive(Clone, Debug, Default)]
 pub struct PingStore {
     pings: Vec<Packed>,
@@ -34,7 +32,7 @@ pub struct PingStore {
 }
 
 impl PingStore {
-    /// Sorts and packs them.
+    /// Pings in any order.
     pub fn new(mut pings: Vec<Ping>) -> Self {
         pings.sort_by_key(|p| p.stamp);
         let mut log = Self { pings: Vec::with_capacity(pings.len()), ..Self::default() };
@@ -47,8 +45,8 @@ impl PingStore {
                     .unwrap_or_default();
                 set.iter().eq(ping.beams.iter().map(|b| &b.direction))
             };
-            let known = sets.iter().rev().take(SETS_COMPARED).find(same).copied();
-            let (first_direction, beams) = known.unwrap_or_else(|| {
+            let existing = sets.iter().rev().take(SETS_COMPARED).find(same).copied();
+            let (first_direction, beams) = existing.unwrap_or_else(|| {
                 let set = (log.directions.len() as u32, ping.beams.len() as u32);
                 log.directions.extend(ping.beams.iter().map(|b| b.direction));
                 sets.push(set);
@@ -68,22 +66,22 @@ impl PingStore {
         log
     }
 
-    /// How many there are.
+    /// Number of pings.
     pub fn len(&self) -> usize {
         self.pings.len()
     }
 
-    /// When a ping was made.
+    /// Time of the `i`-th ping.
     pub fn stamp(&self, i: usize) -> Stamp {
         self.pings[i].stamp
     }
 
-    /// How many were made before a moment.
+    /// Number of pings before `stamp`.
     pub fn before(&self, stamp: Stamp) -> usize {
         self.pings.partition_point(|p| p.stamp < stamp)
     }
 
-    /// One of them.
+    /// The `i`-th ping.
     pub fn get(&self, i: usize) -> Ping {
         let p = &self.pings[i];
         let part = |first: u32| first as usize..(first + p.beams) as usize;
@@ -102,7 +100,7 @@ impl PingStore {
         }
     }
 
-    /// How many of its beams came back.
+    /// Number of returns of the `i`-th ping.
     pub fn returns(&self, i: usize) -> usize {
         let p = &self.pings[i];
         self.ranges_m[p.first_range as usize..(p.first_range + p.beams) as usize]
@@ -111,7 +109,7 @@ impl PingStore {
             .count()
     }
 
-    /// All of them.
+    /// All pings, in time order.
     pub fn iter(&self) -> impl Iterator<Item = Ping> + '_ {
         (0..self.len()).map(|i| self.get(i))
     }
@@ -122,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pings_come_back_as_they_were_and_directions_are_kept_once() {
+    fn pings_are_restored_and_directions_stored_once() {
         let direction =
             |x: f64| Direction::from_vector(Vector3::new(x, 0.1, 1.0)).expect("a direction");
         let beam = |x: f64, range: Option<f64>| Beam {
@@ -159,7 +157,7 @@ mod tests {
         let log = PingStore::new(all.clone());
         all.sort_by_key(|p| p.stamp);
         assert_eq!(log.iter().collect::<Vec<_>>(), all);
-        assert_eq!(log.directions.len(), 5, "four beams' once, and one's");
+        assert_eq!(log.directions.len(), 5, "a set of four and a set of one");
         assert_eq!((log.before(Stamp(3)), log.before(Stamp(100))), (2, 6));
     }
 }
