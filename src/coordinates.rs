@@ -1,20 +1,23 @@
-//! Coordinate spaces as types: a point of one space cannot be used in another without its
+//! Coordinate frames as types: a point of one frame cannot be used in another without the
 //! transform.
 //!
-//! All spaces are right-handed, in metres. "Frame" always means a picture here; coordinates live in
-//! a *space*. Transforms read `to_from`: `hit_in_body = body_from_dvl * hit_in_dvl`.
+//! All are right-handed, in metres. Since *frame* means an image of a log elsewhere in this crate,
+//! coordinate frames are called *spaces*. Transforms are named `to_from`:
+//! `point_in_body = body_from_dvl * point_in_dvl`.
 //!
 //! ```
 //! use unwater::coordinates::{Body, Dvl, Point, Transform};
-//! let body_from_dvl: Transform<Body, Dvl> = Transform::from_parts([0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]);
-//! let hit_in_body: Point<Body> = body_from_dvl * Point::<Dvl>::new(0.0, 0.0, 2.0);
-//! assert_eq!(hit_in_body.vector().z, 1.8);
+//! let body_from_dvl: Transform<Body, Dvl> =
+//!     Transform::from_parts([0.0, 0.0, -0.2], [0.0, 0.0, 0.0, 1.0]);
+//! let in_body: Point<Body> = body_from_dvl * Point::<Dvl>::new(0.0, 0.0, 2.0);
+//! assert_eq!(in_body.vector().z, 1.8);
 //! ```
 //!
 //! ```compile_fail
 //! use unwater::coordinates::{Body, Dvl, Optical, Point, Transform};
 //! let body_from_dvl: Transform<Body, Dvl> = Transform::identity();
-//! let wrong = body_from_dvl * Point::<Optical>::new(0.0, 0.0, 2.0); // a camera point is no DVL point
+//! // A point in camera space is not a point in DVL space:
+//! let wrong = body_from_dvl * Point::<Optical>::new(0.0, 0.0, 2.0);
 //! ```
 
 use std::marker::PhantomData;
@@ -22,26 +25,26 @@ use std::ops::Mul;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-/// The vehicle: whatever space the mounts are given in (ROS `base_link`, either z up or z down).
+/// The vehicle: the space in which extrinsics are given (ROS `base_link`; z up or z down).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body;
-/// The camera: x right, y down, z out of the lens.
+/// The camera: x right, y down, z along the optical axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optical;
-/// The range instrument: z along its boresight, towards the seafloor.
+/// The DVL or altimeter: z along its boresight, towards the seafloor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dvl;
-/// The light: z along its boresight; θ about x, φ about y.
+/// The strobe: z along its boresight; θ about x, φ about y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Strobe;
 
-/// A place in space `S` [m].
+/// A position in space `S` [m].
 #[derive(Debug, PartialEq)]
 pub struct Point<S>(Vector3<f64>, PhantomData<S>);
 /// A unit vector in space `S`.
 #[derive(Debug, PartialEq)]
 pub struct Direction<S>(Vector3<f64>, PhantomData<S>);
-/// A rigid mount: takes coordinates of `From` to coordinates of `To`.
+/// A rigid transform from coordinates of `From` to coordinates of `To`.
 #[derive(Debug, PartialEq)]
 pub struct Transform<To, From>(Isometry3<f64>, PhantomData<(To, From)>);
 
@@ -82,7 +85,7 @@ impl<S> Direction<S> {
     pub fn vector(self) -> Vector3<f64> {
         self.0
     }
-    /// The opposite way.
+    /// The opposite direction.
     pub fn reversed(self) -> Self {
         Self(-self.0, PhantomData)
     }
@@ -102,23 +105,23 @@ impl<To, From> Transform<To, From> {
             PhantomData,
         )
     }
-    /// The two spaces coincide.
+    /// The transform between spaces that coincide.
     pub fn identity() -> Self {
         Self(Isometry3::identity(), PhantomData)
     }
-    /// From an untyped pose whose spaces the caller vouches for.
+    /// From an untyped transform; the caller guarantees the spaces.
     pub fn from_isometry(isometry: Isometry3<f64>) -> Self {
         Self(isometry, PhantomData)
     }
-    /// The untyped pose.
+    /// The untyped transform.
     pub fn isometry(self) -> Isometry3<f64> {
         self.0
     }
-    /// The way back.
+    /// The inverse transform.
     pub fn inverse(self) -> Transform<From, To> {
         Transform(self.0.inverse(), PhantomData)
     }
-    /// Where `From`'s origin lies in `To`.
+    /// Position of `From`'s origin in `To`.
     pub fn origin(self) -> Point<To> {
         Point(self.0.translation.vector, PhantomData)
     }

@@ -1,22 +1,23 @@
-//! The only place with threads: items in, work on all cores, results out in the order of the items.
+//! Thread pool and ordered pipelines. The only module that uses threads.
 //!
-//! A stage pulls its items, keeps so many of them under way, and gives out the oldest when it is
-//! done. So what comes out does not depend on the number of threads, one slow item holds up the
-//! others no longer than the window lasts, and memory holds one window. Stages stand one behind the
-//! other: the items of one are the results of another. All of it is driven by the thread that takes
-//! the last results; on one core it also does the work.
+//! A stage pulls items, keeps a bounded window of them in progress, and yields results in the order
+//! of the items. Results therefore do not depend on the number of threads, memory is bounded by the
+//! window, and a slow item delays the others only once the window is full. Stages are chained: the
+//! results of one are the items of the next. The thread that consumes the last stage drives the
+//! pipeline; with one thread it also does the work.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, sync_channel};
 
 use rayon::prelude::*;
 
-/// Work on each item, on the cores of [`Threads::install`]; results in the order of the items.
+/// Applies `work` to every item, on the threads of [`Threads::install`]; results in the order of
+/// the items.
 pub fn par_map<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
     items.into_par_iter().map(&work).collect()
 }
 
-/// Two things side by side, on the same cores.
+/// Runs both closures in parallel, on the threads of [`Threads::install`].
 pub fn join<A: Send, B: Send>(
     a: impl FnOnce() -> A + Send,
     b: impl FnOnce() -> B + Send,
@@ -24,31 +25,30 @@ pub fn join<A: Send, B: Send>(
     rayon::join(a, b)
 }
 
-/// The cores to work on; one core is the caller's own.
+/// A thread pool; with one thread work runs on the caller's thread.
 pub struct Threads(Option<rayon::ThreadPool>);
 
 impl Threads {
-    /// So many; 0 means all there are.
+    /// `count` threads; 0 for one per core.
     pub fn new(count: usize) -> Self {
         let all = || std::thread::available_parallelism().map_or(1, usize::from);
         let count = if count == 0 { all() } else { count };
-        // A pool fails only where the system gives no more threads: the caller's own is left.
+        // A pool fails only where the system refuses threads; the caller's thread is used then.
         let pool =
             (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count).build().ok());
         Self(pool.flatten())
     }
 
-    /// How many there are.
+    /// Number of threads.
     pub fn count(&self) -> usize {
         self.0.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
     }
 
-    /// Runs what parts its own work by [`par_map`] and [`join`], as the joint solve does, on these
-    /// cores and no others.
+    /// Runs `act` so that its calls of [`par_map`] and [`join`] use these threads only.
     pub fn install<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
         match &self.0 {
             Some(pool) => pool.install(act),
-            // Outside of a pool it would take all cores there are.
+            // Outside a pool rayon would use all cores.
             None => match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
                 Ok(pool) => pool.install(act),
                 Err(_) => act(),
@@ -56,7 +56,7 @@ impl Threads {
         }
     }
 
-    /// A place for stages. What their work borrows must be older than the place.
+    /// Opens a scope for pipeline stages; what their work borrows must outlive the scope.
     pub fn scope<'scope, R>(&self, act: impl FnOnce(&PipelineScope<'_, 'scope>) -> R) -> R {
         match &self.0 {
             Some(pool) => pool.in_place_scope(|scope| act(&PipelineScope(Some(scope)))),
@@ -64,42 +64,43 @@ impl Threads {
         }
     }
 
-    /// Does one thing beside another, where there is a core for it.
+    /// Runs `background` on the pool while `act` runs on the caller's thread; one after the other
+    /// with a single thread.
     pub fn overlap<A: Send, B>(
         &self,
-        aside: impl FnOnce() -> A + Send,
+        background: impl FnOnce() -> A + Send,
         act: impl FnOnce() -> B,
     ) -> (A, B) {
         let Some(pool) = &self.0 else {
             let done = act();
-            return (aside(), done);
+            return (background(), done);
         };
         let mut result = None;
         let done = pool.in_place_scope(|scope| {
-            scope.spawn(|_| result = Some(aside()));
+            scope.spawn(|_| result = Some(background()));
             act()
         });
         match result {
             Some(result) => (result, done),
-            None => unreachable!("the scope has waited for it"),
+            None => unreachable!("the scope waits for its tasks"),
         }
     }
 }
 
-/// Where stages put their work.
+/// The scope in which stages spawn their work.
 pub struct PipelineScope<'l, 'scope>(Option<&'l rayon::Scope<'scope>>);
 
-/// What comes into a stage.
+/// Item of a stage.
 pub enum Job<T, R> {
-    /// to be worked on
+    /// not processed yet
     Work(T),
-    /// done already; it keeps its place
+    /// a finished result, kept in order
     Done(R),
 }
 
 impl<'l, 'scope> PipelineScope<'l, 'scope> {
-    /// Results of `work`, in the order of the items. Items are under way together as long as they
-    /// weigh less than `window`, one at least.
+    /// Results of `work`, in the order of the items, which come with their weights. Items are in
+    /// progress up to a total weight of `window`, at least one.
     pub fn in_order<T, R, W>(
         &self,
         items: impl Iterator<Item = (usize, Job<T, R>)>,
@@ -116,7 +117,7 @@ impl<'l, 'scope> PipelineScope<'l, 'scope> {
             scope: self.0,
             items: items.fuse(),
             window,
-            under_way: VecDeque::new(),
+            in_progress: VecDeque::new(),
             weight: 0,
             work,
         }
@@ -124,15 +125,15 @@ impl<'l, 'scope> PipelineScope<'l, 'scope> {
 }
 
 enum Slot<R> {
-    Here(R),
-    Awaited(Receiver<R>),
+    Ready(R),
+    Pending(Receiver<R>),
 }
 
 struct InOrder<'l, 'scope, I, R, W> {
     scope: Option<&'l rayon::Scope<'scope>>,
     items: I,
     window: usize,
-    under_way: VecDeque<(usize, Slot<R>)>,
+    in_progress: VecDeque<(usize, Slot<R>)>,
     weight: usize,
     work: &'scope W,
 }
@@ -147,36 +148,37 @@ where
     type Item = R;
 
     fn next(&mut self) -> Option<R> {
-        while self.under_way.is_empty() || self.weight < self.window {
+        while self.in_progress.is_empty() || self.weight < self.window {
             let Some((weight, job)) = self.items.next() else { break };
             let work = self.work;
             let slot = match (job, self.scope) {
-                (Job::Done(result), _) => Slot::Here(result),
-                (Job::Work(item), None) => Slot::Here(work(item)),
+                (Job::Done(result), _) => Slot::Ready(result),
+                (Job::Work(item), None) => Slot::Ready(work(item)),
                 (Job::Work(item), Some(scope)) => {
-                    let (give, take) = sync_channel(1);
+                    let (sender, receiver) = sync_channel(1);
                     scope.spawn(move |_| {
-                        // Nobody takes it where the run has ended early.
-                        let _taken = give.send(work(item));
+                        // The receiver is gone where the run has ended early.
+                        let _sent = sender.send(work(item));
                     });
-                    Slot::Awaited(take)
+                    Slot::Pending(receiver)
                 }
             };
             self.weight = self.weight.saturating_add(weight);
-            self.under_way.push_back((weight, slot));
+            self.in_progress.push_back((weight, slot));
         }
-        let (weight, slot) = self.under_way.pop_front()?;
+        let (weight, slot) = self.in_progress.pop_front()?;
         self.weight = self.weight.saturating_sub(weight);
         match slot {
-            Slot::Here(result) => Some(result),
-            // Nothing comes of work that panicked; the scope passes the panic on.
-            Slot::Awaited(result) => result.recv().ok(),
+            Slot::Ready(result) => Some(result),
+            // Work that panicked sends nothing; the scope propagates the panic.
+            Slot::Pending(receiver) => receiver.recv().ok(),
         }
     }
 }
 
-/// Runs `work` over `items`, of which as many are under way as weigh `window` (each weighs
-/// `weigh`), and hands the results to `sink` in order. The first error of the sink ends the run.
+/// Applies `work` to `items`, given with their weights, with items up to a total weight of `window`
+/// in progress, and passes the results to `sink` in order. The first error of the sink ends the
+/// run.
 pub fn ordered_map<T: Send, R: Send, E>(
     items: impl Iterator<Item = T>,
     window: usize,
@@ -197,7 +199,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn order_is_kept_and_an_error_ends_the_run() {
+    fn results_are_ordered_and_an_error_ends_the_run() {
         for threads in [Threads::new(1), Threads::new(3)] {
             let mut seen = Vec::new();
             let all = ordered_map(
@@ -229,18 +231,18 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_item_holds_up_no_more_than_the_window_and_no_more_is_under_way() {
+    fn a_slow_item_delays_at_most_one_window() {
         use std::sync::atomic::{AtomicUsize, Ordering};
         let (begun, done, seen) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicUsize::new(0));
-        let most = AtomicUsize::new(0);
+        let max = AtomicUsize::new(0);
         let threads = Threads::new(2);
         let work = |i: usize| {
-            most.fetch_max(
+            max.fetch_max(
                 begun.fetch_add(1, Ordering::SeqCst) + 1 - seen.load(Ordering::SeqCst),
                 Ordering::SeqCst,
             );
             if i == 10 {
-                // The first of its window waits for all that may overtake it.
+                // Waits until all items that may overtake it are done.
                 let started = std::time::Instant::now();
                 while done.load(Ordering::SeqCst) < 10 + 5 && started.elapsed().as_secs() < 20 {
                     std::thread::yield_now();
@@ -264,11 +266,11 @@ mod tests {
         );
         assert!(run.is_ok() && results.iter().map(|r| r.0).eq(0..40));
         assert!(results[10].1 >= 16, "others overtook the slow one: {:?}", results[10]);
-        assert!(most.load(Ordering::SeqCst) <= 7, "{most:?} under way");
+        assert!(max.load(Ordering::SeqCst) <= 7, "{max:?} in progress");
     }
 
     #[test]
-    fn stages_stand_one_behind_the_other() {
+    fn stages_are_chained() {
         let (double, add) = (|i: u32| i * 2, |i: u32| i + 1);
         for threads in [Threads::new(1), Threads::new(4)] {
             let out: Vec<u32> = threads.scope(|scope| {

@@ -1,8 +1,7 @@
-//! Attitude over time: how the body was turned between a ping and a frame.
+//! Attitude over time, interpolated (slerp).
 //!
-//! In: stamped rotations `world_from_body`, whatever the world's axes (ENU or NED): only
-//! differences and the vertical line are used, and both are the same in either. Out: interpolated
-//! rotations (slerp).
+//! The world's axes may be ENU or NED: only rotation differences and the vertical line are used,
+//! which do not depend on them.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -11,30 +10,31 @@ use crate::units::Stamp;
 /// Rotations `world_from_body` in time order.
 #[derive(Clone, Debug, Default)]
 pub struct AttitudeTrack {
+    /// `world_from_body`
     samples: Vec<(Stamp, UnitQuaternion<f64>)>,
-    /// a gap longer than this is not bridged [s]
+    /// farthest sample that is used, in time [s]
     max_gap_s: f64,
 }
 
 impl AttitudeTrack {
-    /// Sorts the samples; keeps the first of equal stamps.
+    /// Samples in any order; the first of equal stamps is kept.
     pub fn new(mut samples: Vec<(Stamp, UnitQuaternion<f64>)>, max_gap_s: f64) -> Self {
         samples.sort_by_key(|s| s.0);
         samples.dedup_by_key(|s| s.0);
         Self { samples, max_gap_s }
     }
 
-    /// Whether there is any.
+    /// Whether the log has no attitude.
     pub fn is_empty(&self) -> bool {
         self.samples.is_empty()
     }
 
-    /// How many samples there are.
+    /// Number of samples.
     pub fn len(&self) -> usize {
         self.samples.len()
     }
 
-    /// Rotation at `stamp`; `None` where the log has none within the gap.
+    /// Rotation at `stamp`; `None` where there is no sample near enough in time.
     pub fn world_from_body(&self, stamp: Stamp) -> Option<UnitQuaternion<f64>> {
         let after = self.samples.partition_point(|s| s.0 < stamp);
         let near = |s: &(Stamp, UnitQuaternion<f64>)| {
@@ -52,12 +52,12 @@ impl AttitudeTrack {
         }
     }
 
-    /// The rotation that takes body coordinates at `from` to body coordinates at `to`.
+    /// Rotation from body coordinates at time `from` to body coordinates at time `to`.
     pub fn rotation_between(&self, to: Stamp, from: Stamp) -> Option<UnitQuaternion<f64>> {
         Some(self.world_from_body(to)?.inverse() * self.world_from_body(from)?)
     }
 
-    /// The vertical line in body space; which end is down is for the caller to say.
+    /// Vertical unit vector in body space; its sign depends on the world's axes.
     pub fn vertical_in_body(&self, stamp: Stamp) -> Option<Vector3<f64>> {
         Some(self.world_from_body(stamp)?.inverse() * Vector3::z())
     }
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn turns_are_interpolated_and_gaps_are_not() {
+    fn rotations_are_interpolated_but_not_across_gaps() {
         let q = |deg: f64| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), deg.to_radians());
         let track = AttitudeTrack::new(
             vec![
@@ -80,11 +80,8 @@ mod tests {
         );
         let half = track.world_from_body(Stamp(500_000_000)).expect("between two samples");
         assert!((half.angle().to_degrees() - 5.0).abs() < 1e-9);
-        assert!(
-            track.world_from_body(Stamp(4_000_000_000)).is_none(),
-            "eight seconds are not bridged"
-        );
-        let turn = track.rotation_between(Stamp(1_000_000_000), Stamp(0)).expect("both ends");
-        assert!((turn * Vector3::y() - q(-10.0) * Vector3::y()).norm() < 1e-9);
+        assert!(track.world_from_body(Stamp(4_000_000_000)).is_none(), "a gap of eight seconds");
+        let rotation = track.rotation_between(Stamp(1_000_000_000), Stamp(0)).expect("both ends");
+        assert!((rotation * Vector3::y() - q(-10.0) * Vector3::y()).norm() < 1e-9);
     }
 }

@@ -1,10 +1,9 @@
-//! Pixel ⇄ ray for the calibrated camera (paper §II-E: the direction of every pixel must be known).
+//! Camera calibration: pixel ⇄ ray (paper §II-E).
 //!
 //! Pixel coordinates: the centre of the upper left pixel is (0, 0), as in ROS and OpenCV. Rays are
-//! unit vectors in optical space (x right, y down, z out of the lens). Distortion models as in
+//! unit vectors in optical space (x right, y down, z along the optical axis). Distortion models of
 //! `sensor_msgs/CameraInfo` (plumb_bob, rational_polynomial, equidistant) and Foxglove (fisheye62),
-//! each also as calibrated in air and used behind a flat port. The lens's own light fall-off (Eq.
-//! 7) does not live here.
+//! each also calibrated in air and used in water behind a flat port.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -25,10 +24,10 @@ pub enum Distortion {
     Equidistant([f64; 4]),
     /// as equidistant, k0 to k3, and two tangential terms p0, p1
     Fisheye62([f64; 6]),
-    /// calibrated in air, used in water behind a flat port: rays are refracted at the port (Snell),
-    /// then see the lens
+    /// calibrated in air, used in water behind a flat port: rays are refracted at the port (Snell)
+    /// before they reach the lens
     FlatPort {
-        /// of the water
+        /// of water against air
         refractive_index: f64,
         /// the lens in air
         model: LensModel,
@@ -53,16 +52,16 @@ pub enum LensModel {
     Fisheye62,
 }
 
-/// The first coefficients; missing ones are 0.
+/// The first `N` coefficients; missing ones are 0.
 fn padded<const N: usize>(d: &[f64]) -> [f64; N] {
     std::array::from_fn(|i| d.get(i).copied().unwrap_or(0.0))
 }
 
 impl Distortion {
-    /// From a model's name and coefficients as messages give them; missing coefficients are 0.
+    /// From a model name and coefficients as in messages; missing coefficients are 0.
     ///
     /// # Errors
-    /// The name of a model that is not known.
+    /// The name of an unknown model.
     pub fn named(model: &str, d: &[f64]) -> Result<Self, String> {
         if d.iter().all(|v| *v == 0.0)
             && !matches!(model, "equidistant" | "fisheye" | "kannala_brandt" | "fisheye62")
@@ -76,7 +75,7 @@ impl Distortion {
                 Ok(Self::RationalPolynomial(padded(d)))
             }
             "equidistant" | "fisheye" | "kannala_brandt" => Ok(Self::Equidistant(padded(d))),
-            // A seventh number, the largest angle, cuts nothing that a calibrated picture has.
+            // A seventh number, the maximum angle, is not needed within a calibrated image.
             "fisheye62" => Ok(Self::Fisheye62(padded(d))),
             other => Err(other.into()),
         }
@@ -93,7 +92,7 @@ impl Distortion {
         }
     }
 
-    /// Its coefficients, in ROS order; five zeros for a pinhole.
+    /// Coefficients in ROS order; five zeros for a pinhole.
     pub fn coefficients(&self) -> Vec<f64> {
         match self {
             Self::None => vec![0.0; 5],
@@ -105,7 +104,7 @@ impl Distortion {
         }
     }
 
-    /// The lens without the water before its port; itself where there is no port to speak of.
+    /// The lens in air, without the flat port.
     pub fn in_air(&self) -> Self {
         let Self::FlatPort { model, coefficients: d, .. } = self else { return *self };
         match model {
@@ -130,7 +129,7 @@ impl Distortion {
         Self::FlatPort { refractive_index, model, coefficients: padded(&air.coefficients()) }
     }
 
-    /// Undistorted image-plane coordinates → distorted ones (both x/z, y/z).
+    /// Undistorted → distorted image-plane coordinates (both x/z, y/z).
     fn distort(&self, x: f64, y: f64) -> (f64, f64) {
         let brown = |radial: f64, p1: f64, p2: f64| {
             let r2 = x * x + y * y;
@@ -167,9 +166,9 @@ impl Distortion {
             }
             Self::FlatPort { refractive_index: n, .. } => {
                 // Snell: sin in air = n · sin in water. Image-plane coordinates in water are scaled
-                // by n, so that the focal length is the one in water.
+                // by 1/n, since the focal length in water is n times the one in air.
                 let sin_in_air = n * (r2 / (1.0 + r2)).sqrt();
-                // NaN beyond total reflection
+                // NaN beyond the critical angle
                 let tan_in_air = sin_in_air / (1.0 - sin_in_air * sin_in_air).sqrt();
                 let scale = if r2 > 1e-18 { tan_in_air / r2.sqrt() } else { *n };
                 let (x, y) = self.in_air().distort(x * scale, y * scale);
@@ -179,19 +178,19 @@ impl Distortion {
     }
 }
 
-/// A calibration as messages give it: of the whole sensor, and of the pictures that its region of
-/// interest and binning leave.
+/// A calibration as in `CameraInfo`: of the full sensor, and of the images after region of interest
+/// and binning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// the whole sensor
+    /// full sensor
     pub full: Camera,
-    /// what comes off it
+    /// after region of interest and binning
     pub cropped: Camera,
 }
 
 impl Calibration {
-    /// A calibration whose pictures are the whole sensor, less a region of interest at an offset
-    /// [px of the full sensor] of this size (0: all of it), then binned.
+    /// Applies a region of interest (offset and size in pixels of the full sensor; size 0 for all
+    /// of it), then binning.
     pub fn new(
         full: Camera,
         offset: (usize, usize),
@@ -220,10 +219,10 @@ impl Calibration {
         Self { full, cropped }
     }
 
-    /// The camera for pictures of this size; `None` where their shape is another. Drivers that say
-    /// they bin or crop, and do not, are told by the size of what they send.
-    pub fn for_image_size(&self, picture: Option<(usize, usize)>) -> Option<Camera> {
-        let Some((width, height)) = picture else { return Some(self.cropped) };
+    /// The calibration for images of this size; `None` where the aspect ratio differs. Some drivers
+    /// announce binning or cropping and do not apply it; the image size decides.
+    pub fn for_image_size(&self, image: Option<(usize, usize)>) -> Option<Camera> {
+        let Some((width, height)) = image else { return Some(self.cropped) };
         let of_size =
             [self.cropped, self.full].into_iter().find(|c| (c.width, c.height) == (width, height));
         of_size.or_else(|| {
@@ -235,9 +234,9 @@ impl Calibration {
 /// A calibrated camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// picture width [px]
+    /// image width [px]
     pub width: usize,
-    /// picture height [px]
+    /// image height [px]
     pub height: usize,
     /// focal length along x [px]
     pub fx: f64,
@@ -252,7 +251,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A pinhole seeing `hfov_deg` across its width.
+    /// A pinhole with horizontal field of view `hfov_deg`.
     pub fn from_field_of_view(width: usize, height: usize, hfov_deg: f64) -> Self {
         let f = width as f64 / 2.0 / (hfov_deg.to_radians() / 2.0).tan();
         Self {
@@ -266,8 +265,7 @@ impl Camera {
         }
     }
 
-    /// The same camera for pictures of another size (binned or scaled); `None` where the shapes
-    /// differ.
+    /// The calibration for scaled images; `None` where the aspect ratio differs by 2 % or more.
     pub fn scaled_to(&self, width: usize, height: usize) -> Option<Self> {
         if (width, height) == (self.width, self.height) {
             return Some(*self);
@@ -284,14 +282,14 @@ impl Camera {
         })
     }
 
-    /// A camera calibrated in air, in water behind a flat port: the port's thickness is left out,
-    /// and the port square to the axis.
+    /// A camera calibrated in air, used in water behind a thin flat port perpendicular to the
+    /// optical axis.
     pub fn behind_flat_port(&self, refractive_index: f64) -> Self {
         let distortion = self.distortion.behind_flat_port(refractive_index);
         Self { fx: self.fx * refractive_index, fy: self.fy * refractive_index, distortion, ..*self }
     }
 
-    /// The camera as it was calibrated: in air, where [`Self::behind_flat_port`] made this one.
+    /// The calibration without the flat port; inverts [`Self::behind_flat_port`].
     pub fn as_calibrated(&self) -> Self {
         match self.distortion {
             Distortion::FlatPort { refractive_index: n, .. } => Self {
@@ -304,22 +302,20 @@ impl Camera {
         }
     }
 
-    /// The same camera without distortion: what a rectified picture was taken with.
+    /// The camera of rectified images: without distortion.
     pub fn rectified(&self) -> Self {
         Self { distortion: Distortion::None, ..*self }
     }
 
-    /// Image-plane coordinates x/z, y/z of a pixel: distortion undone by Newton steps with a
-    /// numeric Jacobian.
-    ///
-    /// `None` where the model cannot be inverted (a pixel beyond the lens's fold).
+    /// Image-plane coordinates x/z, y/z of a pixel: the distortion inverted by Newton's method with
+    /// a numeric Jacobian. `None` where it cannot be inverted (beyond the model's range).
     pub fn image_plane(&self, u: f64, v: f64) -> Option<(f64, f64)> {
         let (xd, yd) = ((u - self.cx) / self.fx, (v - self.cy) / self.fy);
         if self.distortion == Distortion::None {
             return Some((xd, yd));
         }
         let (mut x, mut y) = match self.distortion {
-            // A wide equidistant lens is far from a pinhole: begin at the angle itself.
+            // A wide equidistant lens is far from a pinhole: start at the angle itself.
             Distortion::Equidistant(_) | Distortion::Fisheye62(_) => {
                 let r = xd.hypot(yd);
                 let scale = if r > 1e-9 { r.min(1.5).tan() / r } else { 1.0 };
@@ -351,7 +347,7 @@ impl Camera {
         ((fx - xd).hypot(fy - yd) < 1e-6).then_some((x, y))
     }
 
-    /// The ray of a pixel; `None` where the lens model cannot say.
+    /// The ray of a pixel; `None` where the distortion cannot be inverted.
     pub fn ray(&self, u: f64, v: f64) -> Option<Direction<Optical>> {
         let (x, y) = self.image_plane(u, v)?;
         Direction::from_vector(Vector3::new(x, y, 1.0))
@@ -416,7 +412,7 @@ mod tests {
         let angle = |c: &Camera| c.ray(1300.0, c.cy).map(|r| r.vector().x).expect("a ray");
         assert!(
             (angle(&air) / angle(&water) - 1.33).abs() < 1e-9,
-            "sines are as the refractive index"
+            "the sines have the ratio of the refractive index"
         );
     }
 
@@ -426,13 +422,13 @@ mod tests {
         let calibration = Calibration::new(full, (320, 200), (1280, 800), (2, 2));
         let half = calibration.cropped;
         assert_eq!((half.width, half.height), (640, 400));
-        // The same place on the sensor, the middle of four pixels, by either camera.
+        // The same position on the sensor, the middle of four pixels, by both calibrations.
         let (a, b) = (full.ray(320.0 + 100.5, 200.0 + 60.5), half.ray(50.0, 30.0));
         assert!((a.expect("a ray").vector() - b.expect("a ray").vector()).norm() < 1e-12);
         assert_eq!(
             calibration.for_image_size(Some((1920, 1200))),
             Some(full),
-            "a driver that does not crop"
+            "a driver that does not crop after all"
         );
         assert_eq!(calibration.for_image_size(Some((640, 640))), None);
     }

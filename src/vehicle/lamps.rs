@@ -1,27 +1,27 @@
-//! The lamps of a vehicle: one strobe, or several of one make that shine together.
+//! The light sources of a vehicle: one strobe, or several lamps of one type that fire together.
 //!
-//! Each of several stands where it stands and looks where it looks; their beam pattern is one, each
-//! about its own axes, and their light adds up. They are rigid: moved, all move.
+//! Each lamp has its own pose. All share one beam pattern, each about its own axes, and their light
+//! adds up. They are rigidly connected.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::coordinates::{Body, Point, Strobe, Transform};
 
-/// More lamps than this shine as these.
+/// Maximum number of lamps; any others are ignored.
 pub const MAX_LAMPS: usize = 4;
 
 /// One of several lamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
-    /// place from the first, along its axes [m]
+    /// position relative to the first lamp, in its axes [m]
     pub offset: Vector3<f64>,
-    /// turn against the first
+    /// rotation relative to the first lamp
     pub rotation: UnitQuaternion<f64>,
-    /// share of the light; all add up to 1
+    /// share of the total power; the shares sum to 1
     pub share: f64,
 }
 
-/// Where the light comes from.
+/// Poses and relative power of all lamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamps {
     body_from_strobe: Transform<Body, Strobe>,
@@ -30,15 +30,15 @@ pub struct Lamps {
 }
 
 impl Lamps {
-    /// One strobe.
+    /// A single strobe.
     pub fn one(body_from_strobe: Transform<Body, Strobe>) -> Self {
         let first =
             Lamp { offset: Vector3::zeros(), rotation: UnitQuaternion::identity(), share: 1.0 };
         Self { body_from_strobe, lamps: [first; MAX_LAMPS], count: 1 }
     }
 
-    /// Several, with the strength of each; `None` where there are none, or more than
-    /// [`MAX_LAMPS`], or one has no strength.
+    /// Several lamps, each with its relative power; `None` for no lamp, for more than
+    /// [`MAX_LAMPS`], or where a power is not positive.
     pub fn several(mounts: &[(Transform<Body, Strobe>, f64)]) -> Option<Self> {
         let total: f64 = mounts.iter().map(|m| m.1).sum();
         let first = mounts.first()?.0;
@@ -57,27 +57,27 @@ impl Lamps {
         Some(all)
     }
 
-    /// The first lamp's pose.
+    /// Pose of the first lamp.
     pub fn body_from_strobe(&self) -> Transform<Body, Strobe> {
         self.body_from_strobe
     }
 
-    /// The first lamp's place [m].
+    /// Position of the first lamp [m].
     pub fn origin(&self) -> Point<Body> {
         self.body_from_strobe.origin()
     }
 
-    /// The first lamp's pose as a rigid motion.
+    /// Pose of the first lamp, untyped.
     pub fn isometry(&self) -> Isometry3<f64> {
         self.body_from_strobe.isometry()
     }
 
-    /// All of them.
+    /// All lamps; the first is at the origin.
     pub fn lamps(&self) -> &[Lamp] {
         &self.lamps[..self.count]
     }
 
-    /// Pose and share of each.
+    /// Pose in body space and share of the power of each lamp.
     pub fn poses(&self) -> impl Iterator<Item = (Isometry3<f64>, f64)> + '_ {
         self.lamps().iter().map(|l| {
             (
@@ -87,10 +87,10 @@ impl Lamps {
         })
     }
 
-    /// All of them with the first at another place of the body [m].
-    pub fn moved_to(&self, place: Vector3<f64>) -> Self {
+    /// The same lamps with the first at another position in the body [m]; rotations are unchanged.
+    pub fn moved_to(&self, position: Vector3<f64>) -> Self {
         let mut isometry = self.isometry();
-        isometry.translation.vector = place;
+        isometry.translation.vector = position;
         Self { body_from_strobe: Transform::from_isometry(isometry), ..*self }
     }
 }

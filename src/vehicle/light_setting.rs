@@ -1,11 +1,11 @@
-//! What a camera or strobe was set to along the log: exposure time, gain, strobe power.
+//! Exposure time, gain and strobe power over time.
 
 use crate::units::Stamp;
 
-/// One setting over time, in its sender's unit.
+/// One setting over time, in the unit of its message.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SettingSeries {
-    /// the topic it came on
+    /// where it was recorded
     pub topic: String,
     /// `exposure`, `gain`, `strobe`, or `value` for a message that is one number
     pub name: String,
@@ -13,26 +13,26 @@ pub struct SettingSeries {
     pub values: Vec<(Stamp, f64)>,
 }
 
-/// A setting this much before or after a frame is that frame's own [s].
-const SAME_MOMENT_S: f64 = 0.05;
+/// A setting within this time of a frame belongs to that frame [s].
+const SAME_FRAME_S: f64 = 0.05;
 
 impl SettingSeries {
-    /// Sorts the values.
+    /// Values in any order; those that are not finite are dropped.
     pub fn new(topic: String, name: String, mut values: Vec<(Stamp, f64)>) -> Self {
         values.retain(|(_, v)| v.is_finite());
         values.sort_by_key(|(stamp, _)| *stamp);
         Self { topic, name, values }
     }
 
-    /// The setting of a frame: the one of its own moment, else the last before it, else the first
-    /// of all.
+    /// The setting of a frame: the nearest within [`SAME_FRAME_S`], else the last before it, else
+    /// the first of the log.
     pub fn at(&self, stamp: Stamp) -> Option<f64> {
         let after = self.values.partition_point(|(s, _)| *s < stamp);
         let (before, next) =
             (after.checked_sub(1).and_then(|i| self.values.get(i)), self.values.get(after));
         let gap = |v: &(Stamp, f64)| v.0.seconds_since(stamp).abs();
         match (before, next) {
-            (Some(b), Some(n)) if gap(n) < SAME_MOMENT_S && gap(n) <= gap(b) => Some(n.1),
+            (Some(b), Some(n)) if gap(n) < SAME_FRAME_S && gap(n) <= gap(b) => Some(n.1),
             (Some(b), _) => Some(b.1),
             (None, n) => n.map(|n| n.1),
         }
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_has_the_setting_of_its_moment_or_the_last_one() {
+    fn a_frame_has_its_own_setting_or_the_last_one_before() {
         let at = |s: f64| Stamp((s * 1e9) as i64);
         let series = SettingSeries::new(
             "/camera/gain".into(),

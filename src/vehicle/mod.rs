@@ -1,8 +1,8 @@
-//! What the robot *is* (its rig) and what its sensors *said* (frames' stamps, pings, attitudes,
-//! settings): facts only.
+//! The vehicle: rig (calibration, extrinsics, lamps) and sensor data (pings, attitude, camera
+//! settings).
 //!
-//! A wrong fact here is a wrong answer; a different choice (`config`) is only another taste. Inside
-//! this room absence is `None`: what a vendor writes for "no return" ends in `messages`.
+//! Facts only; choices are in `config`. Missing values are `None`: vendors' "no return" markers are
+//! resolved in `messages`.
 
 mod attitude;
 mod camera;

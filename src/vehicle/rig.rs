@@ -1,8 +1,8 @@
-//! The rig: where camera, range instrument and strobe sit on the vehicle, and how the camera sees.
+//! The rig: camera calibration and the extrinsics of camera, DVL and strobe.
 //!
-//! Facts come from the log (`/tf_static`, `camera_info`) or from a rig file, which wins. Mounts are
-//! poses in one common body space. No public recording holds a strobe's pose; without one the light
-//! is taken to sit at the camera, and the report says so.
+//! From the log (`/tf_static`, `camera_info`) or from a rig file, which takes precedence.
+//! Extrinsics are poses in one common body space. No public recording contains a strobe pose;
+//! without one the strobe is assumed to be at the camera, and the report warns about it.
 
 use std::collections::BTreeMap;
 
@@ -11,55 +11,54 @@ use serde::{Deserialize, Serialize};
 use super::{Camera, Lamps, RangeKind};
 use crate::coordinates::{Body, Dvl, Optical, Point, Strobe, Transform};
 
-/// Everything geometry needs to know of the vehicle.
+/// Calibration and extrinsics of the vehicle.
 #[derive(Clone, Debug)]
 pub struct Rig {
-    /// the camera
+    /// calibration
     pub camera: Camera,
-    /// its mount
+    /// extrinsics of the camera
     pub body_from_optical: Transform<Body, Optical>,
-    /// the range instrument's mount
+    /// extrinsics of the DVL or altimeter
     pub body_from_dvl: Transform<Body, Dvl>,
-    /// the light
+    /// extrinsics of the lamps
     pub strobe: StrobeMount,
 }
 
-/// Where the light sits and how that is known.
+/// Extrinsics of the strobe and their source.
 #[derive(Clone, Debug)]
 pub struct StrobeMount {
-    /// its pose, or those of several
+    /// pose of the strobe, or of several lamps
     pub lamps: Lamps,
-    /// the TF frame or file it was taken from; `None` where it was put at the camera for want of
-    /// better
+    /// TF frame or file; `None` where the strobe is assumed to be at the camera
     pub source: Option<String>,
 }
 
 impl StrobeMount {
-    /// The light's place in the body [m].
+    /// Position of the (first) strobe in the body [m].
     pub fn position(&self) -> Point<Body> {
         self.lamps.origin()
     }
 }
 
-/// A pose as `rig.toml` and the output's attachments write it.
+/// A pose as in `rig.toml` and in the output's attachments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MountFacts {
-    /// place in the body [m]
+    /// position in the body [m]
     pub translation_m: [f64; 3],
-    /// turn, as a quaternion x, y, z, w
+    /// rotation as a quaternion x, y, z, w
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation_xyzw: Option<[f64; 4]>,
-    /// turn, as roll, pitch, yaw about the body's x, y, z [deg], applied in this order
+    /// rotation about the body's fixed x, y, z axes [deg], applied in this order
     #[serde(skip_serializing_if = "Option::is_none")]
     pub roll_pitch_yaw_deg: Option<[f64; 3]>,
 }
 
 impl MountFacts {
-    /// The transform that takes sensor coordinates to body coordinates.
+    /// Transform from sensor to body coordinates.
     ///
     /// # Errors
-    /// Both or neither of the two ways to give the turn.
+    /// Both forms of the rotation are given, or none.
     pub fn transform<S>(&self) -> Result<Transform<Body, S>, String> {
         match (self.rotation_xyzw, self.roll_pitch_yaw_deg) {
             (Some(q), None) => Ok(Transform::from_parts(self.translation_m, q)),
@@ -75,7 +74,7 @@ impl MountFacts {
         }
     }
 
-    /// The facts of a known pose.
+    /// From a pose.
     pub fn of(isometry: nalgebra::Isometry3<f64>) -> Self {
         let (t, q) = (isometry.translation.vector, isometry.rotation);
         Self {
@@ -86,95 +85,94 @@ impl MountFacts {
     }
 }
 
-/// What a camera was calibrated in.
+/// Medium of a camera calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Medium {
-    /// air; used in water behind a flat port
+    /// air; the camera is used in water behind a flat port
     Air,
-    /// water, with the port it dives with; also a dome port, which keeps the angles
+    /// water, through the port in use; or any medium for a dome port, which does not refract
     Water,
 }
 
-/// Of water over air; sea water is 0.5 % above.
+/// Refractive index of fresh water; sea water is 0.5 % higher.
 const REFRACTIVE_INDEX: f64 = 1.33;
 
-/// The camera's part of a rig file.
+/// Section `[camera]` of a rig file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFacts {
-    /// picture size the calibration was made for [px]
+    /// image size of the calibration [px]
     pub width: Option<usize>,
-    /// see `width`
+    /// image size of the calibration [px]
     pub height: Option<usize>,
     /// focal length [px]
     pub fx: Option<f64>,
     /// focal length [px]; `fx` where absent
     pub fy: Option<f64>,
-    /// principal point [px]; the picture's centre where absent
+    /// principal point [px]; the image centre where absent
     pub cx: Option<f64>,
-    /// principal point [px]
+    /// principal point [px]; the image centre where absent
     pub cy: Option<f64>,
     /// plumb_bob, rational_polynomial, equidistant or fisheye62
     pub distortion_model: Option<String>,
-    /// its coefficients, in ROS order
+    /// coefficients in ROS order
     pub distortion: Option<Vec<f64>>,
-    /// horizontal field of view, where nothing better is known [deg]
+    /// approximate calibration by the horizontal field of view [deg]
     pub horizontal_field_of_view_deg: Option<f64>,
-    /// what the calibration was made in, the log's too; water where absent. Of air a flat port is
-    /// assumed
+    /// medium of the calibration, also of one from the log; water where absent. For air a flat port
+    /// is assumed
     #[serde(skip_serializing_if = "Option::is_none")]
     pub medium: Option<Medium>,
-    /// how the lens's light falls off towards the edge (Eq. 7)
+    /// vignetting model (Eq. 7)
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vignetting: Option<Vignetting>,
-    /// a picture of an evenly lit surface, as the camera takes it, instead of a formula
+    /// image of an evenly lit surface by this camera, instead of a vignetting model
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flat_field: Option<std::path::PathBuf>,
-    /// codes to light by a table, instead of `light.transfer`
+    /// measured response, instead of `light.transfer`
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<ResponseFacts>,
-    /// electrons of a pixel at full scale, by the data sheet and the gain; for the account of noise
-    /// alone
+    /// full well at the gain in use, for the noise model only [electrons]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub full_well_e: Option<f64>,
-    /// noise of reading a pixel [electrons]
+    /// read noise [electrons]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub read_noise_e: Option<f64>,
-    /// where the camera sits
+    /// extrinsics
     pub mount: Option<MountFacts>,
 }
 
-/// A camera's response as a rig file gives it.
+/// Camera response in a rig file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum ResponseFacts {
-    /// points of code share and light share
+    /// (pixel value, light) as shares of full scale
     Points(Vec<[f64; 2]>),
-    /// a file of two columns
+    /// CSV file of the same two columns
     File(std::path::PathBuf),
 }
 
-/// Fall-off of light towards the picture's edge.
+/// Vignetting model: relative transmission over the image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Vignetting {
-    /// a formula by name
+    /// by name
     Named(VignettingName),
-    /// 1 + a₂ r² + a₄ r⁴ + a₆ r⁶, r the tangent of the angle off the axis
+    /// a₂, a₄, a₆ of 1 + a₂ r² + a₄ r⁴ + a₆ r⁶, r the tangent of the angle to the optical axis
     Radial([f64; 3]),
 }
 
-/// Formulas of vignetting.
+/// Named vignetting models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum VignettingName {
-    /// the fourth power of the cosine of the angle off the axis, as of a simple lens
+    /// fourth power of the cosine of the angle to the optical axis
     Cos4,
 }
 
 impl Vignetting {
-    /// Share of light that arrives from a ray x/z, y/z.
+    /// Relative transmission of a ray with image-plane coordinates x/z, y/z.
     pub fn share(&self, x: f64, y: f64) -> f64 {
         let r2 = x * x + y * y;
         match self {
@@ -184,43 +182,44 @@ impl Vignetting {
     }
 }
 
-/// The range instrument's part of a rig file.
+/// Section `[dvl]` of a rig file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DvlFacts {
-    /// a known instrument's beams (`waterlinked-a50`), instead of the message's
+    /// known instrument (`waterlinked-a50`) whose beam geometry replaces the message's
     pub beams: Option<String>,
-    /// angle between beams and boresight [deg], for an instrument not in the list
+    /// angle between beams and boresight, for an instrument that is not known by name [deg]
     pub janus_angle_deg: Option<f64>,
     /// azimuth of each beam in message order, from x towards y [deg]
     pub azimuths_deg: Option<Vec<f64>>,
-    /// true speed of sound over the one the instrument was set to
+    /// actual speed of sound divided by the one configured in the instrument
     pub sound_speed_ratio: Option<f64>,
-    /// what the ranges are, against what the message's type says
+    /// meaning of the ranges, overriding the message type
     pub ranges: Option<RangeKind>,
-    /// ranges at or below this are none [m]
+    /// ranges at or below this are no return [m]
     pub min_range_m: Option<f64>,
-    /// ranges at or above this are none [m]: simulators write their limit for a lost beam
+    /// ranges at or above this are no return [m]: simulators report their maximum range for a lost
+    /// beam
     pub max_range_m: Option<f64>,
-    /// numbers in the message that mean "no return", as they are written there
+    /// raw values of the message that mean "no return"
     pub bad_values: Option<Vec<f64>>,
-    /// the range channel; `--dvl` wins
+    /// topic of the ranges; `--dvl` takes precedence
     pub topic: Option<String>,
-    /// where the ranges are in a message of no known shape: `report.ranges`, `beams.depth`
+    /// path of the ranges in an unknown message type: `report.ranges`, `beams.depth`
     pub path: Option<String>,
-    /// where the flags of their validity are
+    /// path of the validity flags
     pub valid_path: Option<String>,
-    /// metres per unit of the numbers at `path` (0.001 for millimetres)
+    /// metres per unit of the values at `path` (0.001 for millimetres)
     pub unit_m: Option<f64>,
-    /// where the instrument sits
+    /// extrinsics
     pub mount: Option<MountFacts>,
 }
 
-/// The strobe's part of a rig file.
+/// Section `[strobe]` of a rig file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StrobeFacts {
-    /// where the light sits
+    /// extrinsics
     pub mount: Option<MountFacts>,
     /// several lamps of one beam pattern, instead of `mount`
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -231,16 +230,15 @@ pub struct StrobeFacts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampFacts {
-    /// place in the body [m]
+    /// position in the body [m]
     pub translation_m: [f64; 3],
-    /// where it looks, as a quaternion x, y, z, w; as the camera does where neither this nor the
-    /// next is given
+    /// rotation as a quaternion x, y, z, w; that of the camera where no rotation is given
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation_xyzw: Option<[f64; 4]>,
-    /// the same as angles about x, y, z [deg]
+    /// rotation about the body's fixed x, y, z axes [deg]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub roll_pitch_yaw_deg: Option<[f64; 3]>,
-    /// light of it over that of the others
+    /// relative power
     #[serde(default = "one")]
     pub strength: f64,
 }
@@ -250,16 +248,16 @@ fn one() -> f64 {
 }
 
 impl LampFacts {
-    /// A lamp at a mount.
+    /// A lamp at a pose.
     pub fn of(mount: &MountFacts, strength: f64) -> Self {
         let MountFacts { translation_m, rotation_xyzw, roll_pitch_yaw_deg } = mount.clone();
         Self { translation_m, rotation_xyzw, roll_pitch_yaw_deg, strength }
     }
 
-    /// Its pose.
+    /// Transform from lamp to body coordinates.
     ///
     /// # Errors
-    /// Two turns are given.
+    /// Both forms of the rotation are given.
     pub fn mount(
         &self,
         body_from_optical: Transform<Body, Optical>,
@@ -274,26 +272,26 @@ impl LampFacts {
     }
 }
 
-/// A rig file (TOML). Everything in it wins over the log.
+/// A rig file (TOML). Its values take precedence over the log.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigFile {
-    /// the camera
+    /// calibration, response and extrinsics of the camera
     #[serde(default)]
     pub camera: CameraFacts,
-    /// the range instrument
+    /// beams, ranges and extrinsics of the DVL or altimeter
     #[serde(default)]
     pub dvl: DvlFacts,
-    /// the light
+    /// extrinsics of the lamps
     #[serde(default)]
     pub strobe: StrobeFacts,
-    /// seconds to add to the stamps of a topic, where its clock is known to be off [s]
+    /// clock correction by topic: seconds to add to its stamps [s]
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub time_offset_s: BTreeMap<String, f64>,
 }
 
 impl CameraFacts {
-    /// The facts of a known calibration.
+    /// From a calibration.
     pub fn of(camera: &Camera) -> Self {
         Self {
             width: Some(camera.width),
@@ -308,7 +306,7 @@ impl CameraFacts {
         }
     }
 
-    /// A calibration as it holds in water.
+    /// The calibration in water.
     pub fn in_water(&self, camera: Camera) -> Camera {
         if self.medium == Some(Medium::Air) {
             camera.behind_flat_port(REFRACTIVE_INDEX)
@@ -317,16 +315,16 @@ impl CameraFacts {
         }
     }
 
-    /// The calibration the file gives, if it gives one, for pictures of this size.
+    /// The calibration for images of this size, if the file has one.
     ///
     /// # Errors
-    /// A sentence naming the key that is missing or wrong.
-    pub fn calibration(&self, picture: Option<(usize, usize)>) -> Result<Option<Camera>, String> {
+    /// The key that is missing or wrong.
+    pub fn calibration(&self, image: Option<(usize, usize)>) -> Result<Option<Camera>, String> {
         use super::Distortion;
-        let size = self.width.zip(self.height).or(picture);
+        let size = self.width.zip(self.height).or(image);
         let Some((width, height)) = size else {
             return if self.fx.is_some() {
-                Err("camera.width and camera.height belong to camera.fx".into())
+                Err("camera.fx needs camera.width and camera.height".into())
             } else {
                 Ok(None)
             };

@@ -1,49 +1,48 @@
-//! What a rig file may say: a wrong fact is a wrong answer, so what cannot be is refused with its
-//! key.
+//! Validation of rig files: implausible values are rejected with their key.
 
 use super::{DvlFacts, JanusArray, MountFacts, RigFile};
 
-/// No vehicle is longer: a place beyond was meant in millimetres [m].
-const FARTHEST_M: f64 = 50.0;
+/// Larger than any vehicle; a larger translation was probably meant in millimetres [m].
+const MAX_TRANSLATION_M: f64 = 50.0;
 
 impl RigFile {
-    /// Checks what types cannot.
+    /// Checks ranges of values and keys that exclude or require each other.
     ///
     /// # Errors
-    /// A sentence naming the key.
+    /// The key and the reason.
     pub fn ensure_valid(&self) -> Result<(), String> {
         if let Some(key) = toml::Value::try_from(self).ok().and_then(|facts| not_finite(&facts)) {
             return Err(format!("{key} is not a finite number"));
         }
         let Self { camera, dvl, strobe, .. } = self;
-        let above = |value: Option<f64>, least: f64| value.is_none_or(|v| v > least);
+        let is_positive = |value: Option<f64>| value.is_none_or(|v| v > 0.0);
         let checks = [
             (
                 camera.width != Some(0) && camera.height != Some(0),
                 "camera.width and camera.height must be above 0",
             ),
             (
-                above(camera.fx, 0.0) && above(camera.fy, 0.0),
+                is_positive(camera.fx) && is_positive(camera.fy),
                 "camera.fx and camera.fy must be above 0",
             ),
-            (camera.fx.is_some() || camera.fy.is_none(), "camera.fy belongs to camera.fx"),
+            (camera.fx.is_some() || camera.fy.is_none(), "camera.fy needs camera.fx"),
             (
                 camera.horizontal_field_of_view_deg.is_none_or(|a| (1.0..179.0).contains(&a)),
                 "camera.horizontal_field_of_view_deg must lie in 1 to 179",
             ),
-            (above(camera.full_well_e, 0.0), "camera.full_well_e must be above 0"),
+            (is_positive(camera.full_well_e), "camera.full_well_e must be above 0"),
             (
                 camera.read_noise_e.is_none_or(|e| e >= 0.0),
                 "camera.read_noise_e must not be below 0",
             ),
             (
                 strobe.mount.is_none() || strobe.lamps.is_none(),
-                "strobe.mount and strobe.lamps exclude each other",
+                "strobe.mount and strobe.lamps are mutually exclusive",
             ),
         ];
         let dvl_checks = dvl_checks(dvl);
-        if let Some((_, sentence)) = checks.iter().chain(&dvl_checks).find(|(ok, _)| !ok) {
-            return Err((*sentence).into());
+        if let Some((_, reason)) = checks.iter().chain(&dvl_checks).find(|(ok, _)| !ok) {
+            return Err((*reason).into());
         }
         if let Some(name) = dvl.beams.as_ref().filter(|name| JanusArray::named(name).is_none()) {
             let known: Vec<&str> = JanusArray::KNOWN.iter().map(|(name, ..)| *name).collect();
@@ -51,7 +50,7 @@ impl RigFile {
         }
         let mounts = [("camera", &camera.mount), ("dvl", &dvl.mount), ("strobe", &strobe.mount)];
         mounts.iter().try_for_each(|(of, mount)| {
-            mount.as_ref().map_or(Ok(()), |m| ensure_near(&format!("{of}.mount"), m))
+            mount.as_ref().map_or(Ok(()), |m| ensure_plausible(&format!("{of}.mount"), m))
         })?;
         let lamps = strobe.lamps.iter().flatten();
         lamps
@@ -60,16 +59,16 @@ impl RigFile {
                 rotation_xyzw: l.rotation_xyzw,
                 roll_pitch_yaw_deg: l.roll_pitch_yaw_deg,
             })
-            .try_for_each(|mount| ensure_near("strobe.lamps", &mount))
+            .try_for_each(|mount| ensure_plausible("strobe.lamps", &mount))
     }
 }
 
 fn dvl_checks(dvl: &DvlFacts) -> [(bool, &'static str); 8] {
-    let in_order = dvl.min_range_m.zip(dvl.max_range_m).is_none_or(|(least, most)| least < most);
+    let in_order = dvl.min_range_m.zip(dvl.max_range_m).is_none_or(|(min, max)| min < max);
     [
         (
             dvl.janus_angle_deg.is_some() == dvl.azimuths_deg.is_some(),
-            "dvl.janus_angle_deg and dvl.azimuths_deg belong together",
+            "dvl.janus_angle_deg and dvl.azimuths_deg need each other",
         ),
         (
             dvl.janus_angle_deg.is_none_or(|a| (1.0..80.0).contains(&a)),
@@ -77,16 +76,16 @@ fn dvl_checks(dvl: &DvlFacts) -> [(bool, &'static str); 8] {
         ),
         (
             dvl.azimuths_deg.as_ref().is_none_or(|a| a.len() >= 3),
-            "dvl.azimuths_deg must name 3 beams or more",
+            "dvl.azimuths_deg must have 3 values or more",
         ),
         (
             dvl.beams.is_none() || dvl.azimuths_deg.is_none(),
-            "dvl.beams and dvl.azimuths_deg exclude each other",
+            "dvl.beams and dvl.azimuths_deg are mutually exclusive",
         ),
         (
             dvl.sound_speed_ratio.is_none_or(|r| (0.8..1.25).contains(&r)),
-            "dvl.sound_speed_ratio must lie in 0.8 to 1.25: it is the true speed of sound over \
-             the one the instrument was set to",
+            "dvl.sound_speed_ratio must lie in 0.8 to 1.25: it is the actual speed of sound divided \
+             by the one configured in the instrument",
         ),
         (in_order, "dvl.min_range_m must be below dvl.max_range_m"),
         (dvl.unit_m.is_none_or(|u| u > 0.0), "dvl.unit_m must be above 0"),
@@ -97,21 +96,21 @@ fn dvl_checks(dvl: &DvlFacts) -> [(bool, &'static str); 8] {
     ]
 }
 
-fn ensure_near(key: &str, mount: &MountFacts) -> Result<(), String> {
-    if let Some(t) = mount.translation_m.iter().find(|t| t.abs() > FARTHEST_M) {
-        return Err(format!("{key}.translation_m is in metres: {t} m is off any vehicle"));
+fn ensure_plausible(key: &str, mount: &MountFacts) -> Result<(), String> {
+    if let Some(t) = mount.translation_m.iter().find(|t| t.abs() > MAX_TRANSLATION_M) {
+        return Err(format!("{key}.translation_m is in metres; {t} m is larger than any vehicle"));
     }
-    let is_turn = mount
+    let is_unit = mount
         .rotation_xyzw
         .is_none_or(|q| (0.9..1.1).contains(&q.iter().map(|v| v * v).sum::<f64>().sqrt()));
-    if is_turn {
+    if is_unit {
         Ok(())
     } else {
         Err(format!("{key}.rotation_xyzw is not a unit quaternion x, y, z, w"))
     }
 }
 
-/// The key of a number that is none.
+/// Key of the first number that is not finite.
 fn not_finite(facts: &toml::Value) -> Option<String> {
     let below = |key: String, facts: &toml::Value| {
         not_finite(facts).map(|rest| if rest.is_empty() { key } else { format!("{key}.{rest}") })
@@ -131,10 +130,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_cannot_be_is_refused_with_its_key() {
-        let said = |text: &str| toml::from_str::<RigFile>(text).expect("TOML").ensure_valid();
+    fn implausible_values_are_rejected_with_their_key() {
+        let check = |text: &str| toml::from_str::<RigFile>(text).expect("TOML").ensure_valid();
         assert_eq!(
-            said(
+            check(
                 "[camera]\nfx = 695.0\n[dvl]\nbeams = \
                  \"waterlinked-a50\"\n[strobe.mount]\ntranslation_m = [-0.5, 0.0, \
                  0.0]\nrotation_xyzw = [0.0, 0.0, 0.0, 1.0]"
@@ -169,8 +168,8 @@ mod tests {
             ("[[strobe.lamps]]\ntranslation_m = [0.0, inf, 0.0]", "strobe.lamps"),
             ("[time_offset_s]\n\"/dvl/data\" = nan", "time_offset_s./dvl/data"),
         ] {
-            let sentence = said(text).expect_err(text);
-            assert!(sentence.contains(key), "{text}: {sentence}");
+            let error = check(text).expect_err(text);
+            assert!(error.contains(key), "{text}: {error}");
         }
     }
 }
