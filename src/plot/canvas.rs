@@ -1,26 +1,26 @@
-//! Pixels to draw on: pictures, words, lines. 8-bit RGB, origin at the upper left.
+//! Raster canvas for images, text and lines. 8-bit RGB, origin at the upper left.
 
 use super::font::{HEIGHT, WIDTH, dot, glyph};
 use crate::image::{ImageShape, encode};
 
-/// A picture in the making.
+/// An 8-bit RGB image to draw on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Canvas {
     /// [px]
     pub width: usize,
     /// [px]
     pub height: usize,
-    /// `height × width × 3`
+    /// `height × width × 3`, row-major
     pub pixels: Vec<u8>,
 }
 
 impl Canvas {
-    /// All of one colour.
+    /// Filled with one colour.
     pub fn new(width: usize, height: usize, color: [u8; 3]) -> Self {
         Self { width, height, pixels: color.repeat(width * height) }
     }
 
-    /// One pixel; outside nothing happens.
+    /// Sets a pixel; pixels outside the canvas are ignored.
     pub fn set(&mut self, x: i64, y: i64, color: [u8; 3]) {
         if (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y) {
             let at = 3 * (y as usize * self.width + x as usize);
@@ -35,10 +35,9 @@ impl Canvas {
         }
     }
 
-    /// Puts a picture of 1 or 3 bands (8-bit codes, row by row) with its upper left corner
-    /// somewhere.
-    pub fn put(&mut self, (x, y): (i64, i64), codes: &[u8], width: usize, bands: usize) {
-        for (i, pixel) in codes.chunks_exact(bands).enumerate() {
+    /// Draws an image of 1 or 3 bands (8-bit, row-major) with its upper left corner at `(x, y)`.
+    pub fn put(&mut self, (x, y): (i64, i64), pixels: &[u8], width: usize, bands: usize) {
+        for (i, pixel) in pixels.chunks_exact(bands).enumerate() {
             let color = std::array::from_fn(|b| pixel[b.min(bands - 1)]);
             self.set(x + (i % width) as i64, y + (i / width) as i64, color);
         }
@@ -57,50 +56,51 @@ impl Canvas {
         }
     }
 
-    /// A line of text whose upper left corner stands at a place; each dot is `dots` pixels wide.
-    pub fn text(&mut self, (x, y): (i64, i64), dots: usize, color: [u8; 3], text: &str) {
+    /// A line of text with its upper left corner at `(x, y)`; a font dot is `scale` pixels wide.
+    pub fn text(&mut self, (x, y): (i64, i64), scale: usize, color: [u8; 3], text: &str) {
         for (i, c) in text.chars().enumerate() {
-            let (glyph, left) = (glyph(c), x + (i * (WIDTH + 1) * dots) as i64);
-            for place in (0..WIDTH * HEIGHT).filter(|p| dot(glyph, p % WIDTH, p / WIDTH)) {
-                let at = (left + (place % WIDTH * dots) as i64, y + (place / WIDTH * dots) as i64);
-                self.fill(at, (dots as i64, dots as i64), color);
+            let (glyph, left) = (glyph(c), x + (i * (WIDTH + 1) * scale) as i64);
+            for index in (0..WIDTH * HEIGHT).filter(|p| dot(glyph, p % WIDTH, p / WIDTH)) {
+                let at =
+                    (left + (index % WIDTH * scale) as i64, y + (index / WIDTH * scale) as i64);
+                self.fill(at, (scale as i64, scale as i64), color);
             }
         }
     }
 
     /// Width of a line of text [px].
-    pub fn text_width(text: &str, dots: usize) -> usize {
-        (text.chars().count() * (WIDTH + 1) * dots).saturating_sub(dots)
+    pub fn text_width(text: &str, scale: usize) -> usize {
+        (text.chars().count() * (WIDTH + 1) * scale).saturating_sub(scale)
     }
 
-    /// Text cut to a width [px], with dots where something is missing.
-    pub fn cut(text: &str, dots: usize, width: usize) -> String {
-        let most = (width + dots) / ((WIDTH + 1) * dots);
-        if text.chars().count() <= most {
+    /// Text truncated to a width [px], with an ellipsis.
+    pub fn truncated(text: &str, scale: usize, width: usize) -> String {
+        let max = (width + scale) / ((WIDTH + 1) * scale);
+        if text.chars().count() <= max {
             return text.into();
         }
-        text.chars().take(most.saturating_sub(2)).chain("..".chars()).collect()
+        text.chars().take(max.saturating_sub(2)).chain("..".chars()).collect()
     }
 
-    /// Words in lines that are no wider [px]; a word that is, is cut.
-    pub fn wrapped(text: &str, dots: usize, width: usize) -> Vec<String> {
+    /// Text wrapped to a width [px]; longer words are truncated.
+    pub fn wrapped(text: &str, scale: usize, width: usize) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
         for word in text.split_whitespace() {
             match lines.last_mut() {
-                Some(line) if Self::text_width(&format!("{line} {word}"), dots) <= width => {
+                Some(line) if Self::text_width(&format!("{line} {word}"), scale) <= width => {
                     line.push(' ');
                     line.push_str(word);
                 }
-                _ => lines.push(Self::cut(word, dots, width)),
+                _ => lines.push(Self::truncated(word, scale, width)),
             }
         }
         lines
     }
 
-    /// As a PNG.
+    /// Encodes the canvas as PNG.
     ///
     /// # Errors
-    /// The encoder's own words.
+    /// The encoder's message.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         let shape = ImageShape { width: self.width, height: self.height, bands: 3 };
         encode::png(&self.pixels, shape, 8)
@@ -112,13 +112,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_stay_inside_their_width_and_on_the_canvas() {
+    fn text_stays_within_its_width_and_the_canvas() {
         let mut canvas = Canvas::new(40, 12, [255; 3]);
-        canvas.text((-3, -2), 1, [0; 3], "outside is nowhere: ± 5°");
+        canvas.text((-3, -2), 1, [0; 3], "outside is ignored: ± 5°");
         canvas.line((-5.0, 3.0), (60.0, 30.0), [9; 3]);
         assert_eq!(canvas.pixels.len(), 40 * 12 * 3);
         assert_eq!(Canvas::text_width("abc", 2), 34);
-        assert!(Canvas::text_width(&Canvas::cut("a long label", 2, 60), 2) <= 60);
+        assert!(Canvas::text_width(&Canvas::truncated("a long label", 2, 60), 2) <= 60);
         let lines = Canvas::wrapped("no overlap with any other frame", 1, 80);
         assert!(
             lines.len() > 1 && lines.iter().all(|l| Canvas::text_width(l, 1) <= 80),
@@ -126,9 +126,9 @@ mod tests {
         );
     }
 
-    /// An L is a stroke down and one across its foot.
+    /// The letter L: a vertical stroke and a horizontal one at the bottom.
     #[test]
-    fn a_letter_has_its_dots() {
+    fn glyphs_are_drawn_upright() {
         let mut canvas = Canvas::new(5, 9, [0; 3]);
         canvas.text((0, 0), 1, [1; 3], "L");
         let set: Vec<usize> = (0..45).filter(|i| canvas.pixels[3 * i] == 1).collect();

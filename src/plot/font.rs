@@ -1,13 +1,14 @@
-//! A font of 5 × 9 dots, drawn for this program: what stands under a picture need not be more.
+//! A bitmap font of 5 × 9 dots.
 //!
-//! Rows from the top, five bits each, the left dot highest; two rows lie below the baseline.
+//! Rows from the top, five bits each, the left dot in the highest bit; two rows are below the
+//! baseline.
 
-/// Dots per glyph across.
+/// Width of a glyph [dots].
 pub const WIDTH: usize = 5;
-/// Dots per glyph down.
+/// Height of a glyph [dots].
 pub const HEIGHT: usize = 9;
 
-/// ' ' to '~'.
+/// Glyphs of ' ' to '~'.
 #[rustfmt::skip]
 const ASCII: [u64; 95] = [
     0x000000000000, 0x042108401000, 0x0a5000000000, 0x0a57d5f52800, 0x047d1c5f1000, //   ! " # $
@@ -31,7 +32,7 @@ const ASCII: [u64; 95] = [
     0x0007c4447c00, 0x022110420800, 0x042108421000, 0x082104422000, 0x000011510000, // z { | } ~
 ];
 
-/// The dots of a character; a question mark where it has none.
+/// Bitmap of a character; a question mark for unknown ones.
 pub fn glyph(c: char) -> u64 {
     match c {
         '°' => 0x0c9498000000,
@@ -43,7 +44,7 @@ pub fn glyph(c: char) -> u64 {
     }
 }
 
-/// Whether a dot is set.
+/// Whether the dot in `column` and `row` is set.
 pub fn dot(glyph: u64, column: usize, row: usize) -> bool {
     glyph >> (WIDTH * HEIGHT - 1 - (row * WIDTH + column)) & 1 == 1
 }

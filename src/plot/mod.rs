@@ -1,8 +1,4 @@
-//! Drawing without knowing what is drawn: plots as SVG, colour ramps, a canvas of pixels with a
-//! tiny font.
-//!
-//! In: numbers and words, words already meant for people. Out: SVG text, RGB pixels. The same input
-//! gives the same bytes.
+//! Plots as SVG, colour maps, and a raster canvas with a bitmap font. Output is deterministic.
 
 mod canvas;
 mod font;

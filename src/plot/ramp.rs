@@ -1,16 +1,15 @@
-//! Colour ramps that grow evenly in lightness, so that they also read in grey and with any kind of
-//! sight.
+//! Colour maps of uniformly increasing lightness, readable in greyscale and with colour blindness.
 
-/// From dark to bright.
+/// A colour map, from dark to bright.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ramp {
-    /// blue to yellow (viridis): lengths
+    /// blue to yellow
     Viridis,
-    /// violet to yellow (plasma): warmer is more, as in the paper's Fig. 9
+    /// violet to yellow, as in the paper's Fig. 9
     Plasma,
 }
 
-/// Colours at even steps [sRGB codes].
+/// Colours at equal steps [sRGB].
 const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],
     [71, 44, 122],
@@ -35,13 +34,13 @@ const PLASMA: [[u8; 3]; 9] = [
 ];
 
 impl Ramp {
-    /// Colour of a share, 0 to 1; outside of it that of the nearer end.
-    pub fn at(self, share: f64) -> [u8; 3] {
+    /// Colour at a position from 0 to 1; values outside are clamped, NaN counts as 0.
+    pub fn at(self, position: f64) -> [u8; 3] {
         let stops = if self == Self::Viridis { VIRIDIS } else { PLASMA };
-        let place =
-            if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 } * (stops.len() - 1) as f64;
-        let first = (place as usize).min(stops.len() - 2);
-        let part = place - first as f64;
+        let position = if position.is_finite() { position.clamp(0.0, 1.0) } else { 0.0 };
+        let position = position * (stops.len() - 1) as f64;
+        let first = (position as usize).min(stops.len() - 2);
+        let part = position - first as f64;
         std::array::from_fn(|b| {
             (f64::from(stops[first][b]) * (1.0 - part) + f64::from(stops[first + 1][b]) * part)
                 .round() as u8
@@ -49,7 +48,7 @@ impl Ramp {
     }
 }
 
-/// A colour as CSS writes it.
+/// A colour in CSS notation.
 pub fn css(color: [u8; 3]) -> String {
     format!("#{:02x}{:02x}{:02x}", color[0], color[1], color[2])
 }
@@ -59,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn more_is_brighter_all_the_way() {
+    fn lightness_increases_monotonically() {
         let lightness = |c: [u8; 3]| {
             0.2126 * f64::from(c[0]) + 0.7152 * f64::from(c[1]) + 0.0722 * f64::from(c[2])
         };

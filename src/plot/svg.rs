@@ -1,12 +1,12 @@
-//! One plot as SVG: axes with round ticks and units, points with a `<title>` each (hover, and the
-//! page's arrow keys), lines, and a colour bar. Colours of words and axes are the page's
-//! (`currentColor`), so it reads in light and dark.
+//! Plots as SVG: axes with round ticks and units, points with a `<title>` each (shown on hover and
+//! by the page's arrow keys), lines, and a colour bar. Text and axes have the page's colour
+//! (`currentColor`), for light and dark themes.
 
 use std::fmt::Write as _;
 
 use super::ramp::{Ramp, css};
 
-/// Text that is safe inside of HTML and SVG, attributes too.
+/// Escapes text for HTML and SVG, including attribute values.
 pub fn escape_markup(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for c in text.chars() {
@@ -16,7 +16,7 @@ pub fn escape_markup(text: &str) -> String {
             '>' => safe.push_str("&gt;"),
             '"' => safe.push_str("&quot;"),
             '\'' => safe.push_str("&#39;"),
-            // Control characters are no XML and would end in a parser's error.
+            // Control characters are not valid XML.
             c if c.is_control() && c != '\n' && c != '\t' => safe.push('\u{fffd}'),
             c => safe.push(c),
         }
@@ -24,11 +24,10 @@ pub fn escape_markup(text: &str) -> String {
     safe
 }
 
-/// An axis: what it says, with its unit, and its ends; values fall along it where `from` is the
-/// larger.
+/// An axis; values decrease along it where `from` is larger than `to`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// words under or beside it
+    /// quantity and unit
     pub label: String,
     /// value at the left or lower end
     pub from: f64,
@@ -37,34 +36,35 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// An axis that holds all finite values, with a little room.
+    /// An axis that contains all finite values, with a margin of 5 %.
     pub fn fitting(label: &str, values: impl Iterator<Item = f64>) -> Self {
-        let (least, most) = values
+        let (min, max) = values
             .filter(|v| v.is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
-        let (least, most) = if least <= most { (least, most) } else { (0.0, 1.0) };
-        let room = ((most - least) * 0.05).max(1e-3 * most.abs()).max(1e-9);
-        Self { label: label.into(), from: least - room, to: most + room }
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        let (min, max) = if min <= max { (min, max) } else { (0.0, 1.0) };
+        let margin = ((max - min) * 0.05).max(1e-3 * max.abs()).max(1e-9);
+        Self { label: label.into(), from: min - margin, to: max + margin }
     }
 
-    /// The same, reaching down to a value at least.
+    /// Extends the axis down to a value.
     pub fn down_to(mut self, value: f64) -> Self {
         self.from = self.from.min(value);
         self
     }
 
-    fn share(&self, value: f64) -> f64 {
+    /// Position of a value, 0 to 1 from end to end.
+    fn position(&self, value: f64) -> f64 {
         (value - self.from) / (self.to - self.from)
     }
 }
 
-/// Round values inside of an interval, about so many, with their words.
-pub fn ticks(from: f64, to: f64, about: usize) -> Vec<(f64, String)> {
+/// About `count` round values within an interval, with their labels.
+pub fn ticks(from: f64, to: f64, count: usize) -> Vec<(f64, String)> {
     let span = to - from;
     if !span.is_finite() || span <= 0.0 {
         return Vec::new();
     }
-    let rough = span / about.max(1) as f64;
+    let rough = span / count.max(1) as f64;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0]
         .into_iter()
@@ -73,40 +73,41 @@ pub fn ticks(from: f64, to: f64, about: usize) -> Vec<(f64, String)> {
         .unwrap_or(rough);
     let digits = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
     let first = (from / step).ceil() as i64;
-    // A negative zero is a zero.
+    // Avoids a label of negative zero.
     let at = |k: i64| if k == 0 { 0.0 } else { k as f64 * step };
-    (first..=first + 2 * about as i64 + 2)
+    (first..=first + 2 * count as i64 + 2)
         .map(at)
         .take_while(|v| *v <= to + step * 1e-9)
         .map(|v| (v, format!("{v:.digits$}")))
         .collect()
 }
 
-/// How a point looks; colour alone does not tell bands apart for everyone.
+/// Marker of a point; bands differ in marker and colour, for colour blindness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shape {
-    /// round
+    /// circle
     Dot,
-    /// square
+    /// of 6.4 SVG units
     Square,
-    /// triangle
+    /// of 7.2 SVG units
     Triangle,
 }
 
-/// Room around the plot's field [SVG units].
+/// Margins around the plotting area [SVG units].
 const LEFT: f64 = 64.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 48.0;
 const RIGHT: f64 = 14.0;
-/// Room of a colour bar.
+/// Width of the colour bar with its labels [SVG units].
 const BAR: f64 = 92.0;
 
-/// A plot in the making.
+/// A plot; elements are added one by one.
 #[derive(Clone, Debug)]
 pub struct Plot {
-    says: String,
+    description: String,
     x: Axis,
     y: Axis,
+    /// size of the plotting area [SVG units]
     field: (f64, f64),
     inside: String,
     legend: Vec<(String, Shape, String)>,
@@ -114,10 +115,11 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// A plot whose field has a size [SVG units]; `says` is for who cannot see it.
-    pub fn new(says: &str, x: Axis, y: Axis, field: (f64, f64)) -> Self {
+    /// A plot with a plotting area of size `field` [SVG units]; `description` is its accessible
+    /// name.
+    pub fn new(description: &str, x: Axis, y: Axis, field: (f64, f64)) -> Self {
         Self {
-            says: says.into(),
+            description: description.into(),
             x,
             y,
             field,
@@ -127,9 +129,9 @@ impl Plot {
         }
     }
 
-    /// A plot of the usual size.
-    pub fn standard(says: &str, x: Axis, y: Axis) -> Self {
-        Self::new(says, x, y, (450.0, 280.0))
+    /// A plot of the standard size.
+    pub fn standard(description: &str, x: Axis, y: Axis) -> Self {
+        Self::new(description, x, y, (450.0, 280.0))
     }
 
     /// Adds a colour bar.
@@ -138,73 +140,75 @@ impl Plot {
         self
     }
 
-    /// Adds a line to the legend.
+    /// Adds a legend entry; `class` gives the colour.
     pub fn legend(&mut self, class: &str, shape: Shape, text: &str) {
         self.legend.push((class.into(), shape, text.into()));
     }
 
-    fn place(&self, x: f64, y: f64) -> (f64, f64) {
-        (LEFT + self.x.share(x) * self.field.0, TOP + (1.0 - self.y.share(y)) * self.field.1)
+    /// SVG coordinates of a point.
+    fn to_svg(&self, x: f64, y: f64) -> (f64, f64) {
+        (LEFT + self.x.position(x) * self.field.0, TOP + (1.0 - self.y.position(y)) * self.field.1)
     }
 
-    /// A point that says something. `class` gives its colour.
-    pub fn point(&mut self, class: &str, shape: Shape, (x, y): (f64, f64), says: &str) {
+    /// A point with a tooltip; `class` gives the colour.
+    pub fn point(&mut self, class: &str, shape: Shape, (x, y): (f64, f64), tooltip: &str) {
         if x.is_finite() && y.is_finite() {
-            let mark = mark(shape, self.place(x, y), &format!("class=\"m {class}\""), Some(says));
+            let mark =
+                mark(shape, self.to_svg(x, y), &format!("class=\"m {class}\""), Some(tooltip));
             self.inside.push_str(&mark);
         }
     }
 
-    /// A point in the colour of the bar's value.
-    pub fn colored_point(&mut self, (x, y): (f64, f64), value: f64, says: &str) {
+    /// A point with a tooltip, coloured by value.
+    pub fn colored_point(&mut self, (x, y): (f64, f64), value: f64, tooltip: &str) {
         if let Some((ramp, axis)) = &self.bar
             && x.is_finite()
             && y.is_finite()
         {
             let style = if value.is_finite() {
-                format!("class=\"m\" fill=\"{}\"", css(ramp.at(axis.share(value))))
+                format!("class=\"m\" fill=\"{}\"", css(ramp.at(axis.position(value))))
             } else {
                 "class=\"m none\"".into()
             };
-            let mark = mark(Shape::Dot, self.place(x, y), &style, Some(says));
+            let mark = mark(Shape::Dot, self.to_svg(x, y), &style, Some(tooltip));
             self.inside.push_str(&mark);
         }
     }
 
-    /// A line through points; it breaks where one is not finite.
+    /// A line through points, interrupted where one is not finite.
     pub fn line(&mut self, class: &str, points: &[(f64, f64)]) {
-        for stretch in
+        for segment in
             points.split(|(x, y)| !x.is_finite() || !y.is_finite()).filter(|s| s.len() > 1)
         {
-            let places: Vec<String> = stretch
+            let points: Vec<String> = segment
                 .iter()
-                .map(|(x, y)| self.place(*x, *y))
+                .map(|(x, y)| self.to_svg(*x, *y))
                 .map(|(x, y)| format!("{x:.1},{y:.1}"))
                 .collect();
             let _infallible = write!(
                 self.inside,
                 "<polyline class=\"l {class}\" points=\"{}\"/>",
-                places.join(" ")
+                points.join(" ")
             );
         }
     }
 
-    /// A field of values: a rectangle with two opposite corners, in the bar's colour; `None` is
-    /// masked.
+    /// A rectangle between two opposite corners, coloured by value, with a tooltip; not drawn for
+    /// `None`.
     pub fn cell(
         &mut self,
         (x0, y0): (f64, f64),
         (x1, y1): (f64, f64),
         value: Option<f64>,
-        says: &str,
+        tooltip: &str,
     ) {
-        let ((a, b), (c, d)) = (self.place(x0, y0), self.place(x1, y1));
+        let ((a, b), (c, d)) = (self.to_svg(x0, y0), self.to_svg(x1, y1));
         let ((a, b), (c, d)) = ((a.min(c), b.min(d)), (a.max(c), b.max(d)));
-        // A hair wider, or the page shines through between neighbours.
+        // Slightly larger, so that no gap shows between neighbours.
         let (width, height) = (c - a + 0.4, d - b + 0.4);
         let style = match (&self.bar, value) {
             (Some((ramp, axis)), Some(v)) => {
-                format!("class=\"m c\" fill=\"{}\"", css(ramp.at(axis.share(v))))
+                format!("class=\"m c\" fill=\"{}\"", css(ramp.at(axis.position(v))))
             }
             _ => return,
         };
@@ -212,15 +216,15 @@ impl Plot {
             self.inside,
             "<rect {style} x=\"{a:.1}\" y=\"{b:.1}\" width=\"{width:.1}\" \
              height=\"{height:.1}\"><title>{}</title></rect>",
-            escape_markup(says)
+            escape_markup(tooltip)
         );
     }
 
-    /// Shades the field between two values of x.
+    /// Shades the area between two values of x.
     pub fn shade(&mut self, from: f64, to: f64) {
-        let held = |v: f64| v.clamp(self.x.from, self.x.to);
+        let clamped = |v: f64| v.clamp(self.x.from, self.x.to);
         let ((a, top), (b, bottom)) =
-            (self.place(held(from), self.y.to), self.place(held(to), self.y.from));
+            (self.to_svg(clamped(from), self.y.to), self.to_svg(clamped(to), self.y.from));
         let (width, height) = (b - a, bottom - top);
         let rect = format!(
             "<rect class=\"shade\" x=\"{a:.1}\" y=\"{top:.1}\" width=\"{width:.1}\" \
@@ -229,8 +233,7 @@ impl Plot {
         self.inside.insert_str(0, &rect);
     }
 
-    /// The whole as an `<svg>` element. Its `id` names the clip path and must be one of its own in
-    /// the page.
+    /// The plot as an `<svg>` element. `id` must be unique within the page.
     pub fn into_svg(self, id: &str) -> String {
         let (fw, fh) = self.field;
         let legend_height = if self.legend.is_empty() {
@@ -244,29 +247,29 @@ impl Plot {
             "<svg class=\"plot\" id=\"{id}\" viewBox=\"0 0 {width:.0} {height:.0}\" \
              style=\"max-width:{:.0}px\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">",
             width * 1.3,
-            escape_markup(&self.says)
+            escape_markup(&self.description)
         );
         let mut put = |text: String| out.push_str(&text);
         put(format!(
             "<rect class=\"field\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{fw:.1}\" height=\"{fh:.1}\"/>"
         ));
-        for (value, word) in
+        for (value, label) in
             ticks(self.x.from.min(self.x.to), self.x.from.max(self.x.to), (fw / 75.0) as usize)
         {
-            let (x, y) = self.place(value, self.y.from);
+            let (x, y) = self.to_svg(value, self.y.from);
             put(format!(
                 "<line class=\"grid\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{y:.1}\"/>"
             ));
             put(format!(
                 "<text class=\"tick\" x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
                 y + 18.0,
-                minus(&word)
+                minus(&label)
             ));
         }
-        for (value, word) in
+        for (value, label) in
             ticks(self.y.from.min(self.y.to), self.y.from.max(self.y.to), (fh / 45.0) as usize)
         {
-            let (x, y) = self.place(self.x.from, value);
+            let (x, y) = self.to_svg(self.x.from, value);
             put(format!(
                 "<line class=\"grid\" x1=\"{x:.1}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>",
                 x + fw
@@ -275,7 +278,7 @@ impl Plot {
                 "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
                 x - 7.0,
                 y + 4.5,
-                minus(&word)
+                minus(&label)
             ));
         }
         let bottom = TOP + fh;
@@ -320,7 +323,7 @@ impl Plot {
     }
 }
 
-/// Thirty-two steps of a ramp with their values.
+/// The colour bar with its ticks and label.
 fn bar(ramp: Ramp, axis: &Axis, x: f64, height: f64) -> String {
     const STEPS: usize = 32;
     let mut out = String::new();
@@ -334,13 +337,13 @@ fn bar(ramp: Ramp, axis: &Axis, x: f64, height: f64) -> String {
             step + 0.4
         );
     }
-    for (value, word) in ticks(axis.from, axis.to, 5) {
-        let y = TOP + (1.0 - axis.share(value)) * height + 4.5;
+    for (value, label) in ticks(axis.from, axis.to, 5) {
+        let y = TOP + (1.0 - axis.position(value)) * height + 4.5;
         let _infallible = write!(
             out,
             "<text class=\"tick\" x=\"{:.1}\" y=\"{y:.1}\">{}</text>",
             x + 19.0,
-            minus(&word)
+            minus(&label)
         );
     }
     let middle = TOP + height / 2.0;
@@ -354,13 +357,14 @@ fn bar(ramp: Ramp, axis: &Axis, x: f64, height: f64) -> String {
     out
 }
 
-/// A typographic minus.
-fn minus(word: &str) -> String {
-    word.replace('-', "−")
+/// Replaces hyphens by minus signs.
+fn minus(label: &str) -> String {
+    label.replace('-', "−")
 }
 
-fn mark(shape: Shape, (x, y): (f64, f64), style: &str, says: Option<&str>) -> String {
-    let title = says.map_or_else(String::new, |s| format!("<title>{}</title>", escape_markup(s)));
+fn mark(shape: Shape, (x, y): (f64, f64), style: &str, tooltip: Option<&str>) -> String {
+    let title =
+        tooltip.map_or_else(String::new, |s| format!("<title>{}</title>", escape_markup(s)));
     match shape {
         Shape::Dot => {
             format!("<circle {style} cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.6\">{title}</circle>")
@@ -381,17 +385,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_round_and_inside() {
-        let words = |from, to| ticks(from, to, 5).into_iter().map(|t| t.1).collect::<Vec<_>>();
-        assert_eq!(words(0.0, 1.0), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
-        assert_eq!(words(-31.0, 42.0), ["-20", "0", "20", "40"]);
-        assert_eq!(words(1.61, 2.97), ["2.0", "2.5"]);
-        assert_eq!(words(-0.004, 0.011), ["0.000", "0.005", "0.010"]);
-        assert!(words(1.0, 1.0).is_empty() && words(f64::NAN, 1.0).is_empty());
+    fn ticks_are_round_and_within_the_axis() {
+        let labels = |from, to| ticks(from, to, 5).into_iter().map(|t| t.1).collect::<Vec<_>>();
+        assert_eq!(labels(0.0, 1.0), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
+        assert_eq!(labels(-31.0, 42.0), ["-20", "0", "20", "40"]);
+        assert_eq!(labels(1.61, 2.97), ["2.0", "2.5"]);
+        assert_eq!(labels(-0.004, 0.011), ["0.000", "0.005", "0.010"]);
+        assert!(labels(1.0, 1.0).is_empty() && labels(f64::NAN, 1.0).is_empty());
     }
 
     #[test]
-    fn what_a_log_says_stays_text() {
+    fn text_from_logs_is_escaped() {
         let mut plot = Plot::standard(
             "a \"plot\"",
             Axis::fitting("x [m]", [0.0, 1.0].into_iter()),

@@ -264,8 +264,8 @@ impl Methods<'_> {
         );
         let width = canvas.width - 2 * GAP as usize;
         let (title, facts) = self.words(here, others);
-        canvas.text((GAP, GAP), 3, INK, &Canvas::cut(&title, 3, width));
-        canvas.text((GAP, GAP + 36), 2, SOFT, &Canvas::cut(&facts, 2, width));
+        canvas.text((GAP, GAP), 3, INK, &Canvas::truncated(&title, 3, width));
+        canvas.text((GAP, GAP + 36), 2, SOFT, &Canvas::truncated(&facts, 2, width));
         let usable = scatter::usable(
             &here.raw,
             others.iter().map(|(l, _)| &l.raw),
@@ -280,8 +280,13 @@ impl Methods<'_> {
             let factor = if is_raw { exposure(std::iter::once(&image)) } else { 1.0 };
             let source =
                 if is_raw { format!("{}, x {factor:.1}", tile.source) } else { tile.source.into() };
-            canvas.text(corner, 2, INK, &Canvas::cut(tile.name, 2, TILE_WIDTH));
-            canvas.text((corner.0, corner.1 + 24), 2, SOFT, &Canvas::cut(&source, 2, TILE_WIDTH));
+            canvas.text(corner, 2, INK, &Canvas::truncated(tile.name, 2, TILE_WIDTH));
+            canvas.text(
+                (corner.0, corner.1 + 24),
+                2,
+                SOFT,
+                &Canvas::truncated(&source, 2, TILE_WIDTH),
+            );
             let picture = scaled(&image, TILE_WIDTH);
             canvas.put(
                 (corner.0, corner.1 + WORDS),

@@ -46,7 +46,7 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
         (MARGIN, MARGIN),
         3,
         INK,
-        &Canvas::cut(&mosaic.source, 3, (width - 2 * MARGIN) as usize),
+        &Canvas::truncated(&mosaic.source, 3, (width - 2 * MARGIN) as usize),
     );
     for (i, line) in words.iter().enumerate() {
         canvas.text((MARGIN, MARGIN + 36 + 22 * i as i64), 2, SOFT, line);
