@@ -1,25 +1,24 @@
-//! What not to trust in a corrected picture, pixel by pixel: a picture of bits beside it
-//! (`--mask`).
+//! Validity mask of a corrected image: one byte of flags per pixel (`--mask`).
 
 use crate::vehicle::Camera;
 
-/// The input was at full scale here, or so near that demosaicing takes colour from there.
+/// Input clipped at full scale, or demosaiced from a clipped pixel.
 pub const CLIPPED: u8 = 1;
-/// The gain was held at the cap: too dark.
+/// Gain limited to the maximum: too dark.
 pub const CAPPED: u8 = 2;
-/// The ray never meets the floor: black.
+/// No seafloor point: black.
 pub const OFF_SURFACE: u8 = 4;
-/// Lit from a direction of the beam that pass one never saw: the gain is filled in from neighbours.
+/// Beam direction without samples in pass one: the gain is extrapolated.
 pub const UNSEEN_BEAM: u8 = 8;
-/// Of a rectified picture: the camera did not see this.
+/// Of a rectified image: outside the original image.
 pub const OUTSIDE: u8 = 16;
 
-/// How far demosaicing reaches [px].
+/// Radius of the demosaicing filter [px].
 const MOSAIC_REACH: usize = 2;
 
-/// Marks what is clipped in the input, row by row.
+/// [`CLIPPED`] flags of an image, filled row by row.
 pub struct ClippingMask {
-    /// by pixel
+    /// `height × width`
     pub bits: Vec<u8>,
     width: usize,
     height: usize,
@@ -27,7 +26,7 @@ pub struct ClippingMask {
 }
 
 impl ClippingMask {
-    /// Nothing marked yet.
+    /// No pixel is marked.
     pub fn new(width: usize, height: usize, is_mosaic: bool) -> Self {
         Self {
             bits: vec![0; width * height],
@@ -37,13 +36,13 @@ impl ClippingMask {
         }
     }
 
-    /// Marks what reaches `above` in row `y`, and what demosaicing takes colour from there.
-    pub fn row(&mut self, y: usize, light: &[f32], above: f32) {
+    /// Marks pixels of row `y` that reach `level`, and those that are demosaiced from them.
+    pub fn mark_row(&mut self, y: usize, light: &[f32], level: f32) {
         let Self { width, height, reach, .. } = *self;
         for (x, _) in light
             .chunks_exact(light.len() / width)
             .enumerate()
-            .filter(|(_, pixel)| pixel.iter().any(|v| *v >= above))
+            .filter(|(_, pixel)| pixel.iter().any(|v| *v >= level))
         {
             for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
                 self.bits[row * width + x.saturating_sub(reach)
@@ -54,7 +53,7 @@ impl ClippingMask {
     }
 }
 
-/// The mask of a rectified picture: all bits of the pixels that one is made from.
+/// The mask of a rectified image: flags of the four pixels that each one is interpolated from.
 pub fn rectify(mask: &[u8], from: &Camera, to: &Camera) -> Vec<u8> {
     let (width, height) = (from.width, from.height);
     let of = |i: usize| {
@@ -79,13 +78,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_clipped_pixel_of_a_mosaic_marks_those_that_take_colour_from_it() {
+    fn a_clipped_mosaic_pixel_marks_those_demosaiced_from_it() {
         let count = |is_mosaic| {
             let mut clipped = ClippingMask::new(9, 7, is_mosaic);
             for y in 0..7 {
                 let light: Vec<f32> =
                     (0..9).map(|x| if (x, y) == (4, 3) { 1.0 } else { 0.0 }).collect();
-                clipped.row(y, &light, 0.98);
+                clipped.mark_row(y, &light, 0.98);
             }
             clipped.bits.iter().filter(|b| **b == CLIPPED).count()
         };
@@ -93,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rectified_mask_follows_its_picture() {
+    fn a_rectified_mask_follows_its_image() {
         let from = Camera::from_field_of_view(40, 30, 60.0);
         let mut mask = vec![0; 40 * 30];
         mask[15 * 40 + 20] = CAPPED;

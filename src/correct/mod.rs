@@ -161,7 +161,7 @@ impl Correction<'_> {
                 clipped_input += reaching(&row, stored, self.clipped_above);
             }
             if let Some(mask) = &mut mask {
-                mask.row(y, &row, self.clipped_above);
+                mask.mark_row(y, &row, self.clipped_above);
             }
             gains.go_to(y);
             let (l, n) = gains.low_signal(y, &row, frame.noise);

@@ -1,18 +1,19 @@
-//! One exposure and one white balance for a whole log, from the corrected light of its samples.
+//! Exposure and white balance of a log, from the corrected light of its samples.
 //!
-//! Each method removes something else and so has its own. Never per image: what is brighter in the
-//! output is brighter on the seafloor.
+//! Estimated per method, since each removes different terms, but never per image: brighter pixels
+//! in the output are brighter on the seafloor.
 
 use crate::config::{RenderConfig, WhiteBalance};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{ImagingModel, Removal, RenderingFile};
+use crate::stats::{median, quantile};
 
-/// Samples that need more than this factor over the median correction do not vote: far water beside
-/// an oblique camera would set the exposure of the seafloor.
-const FAR_FACTOR: f64 = 3.0;
+/// Samples whose correction exceeds the median by more than this factor are ignored: with an
+/// oblique camera distant water would otherwise determine the exposure.
+const MAX_CORRECTION_RATIO: f64 = 3.0;
 
-/// Chooses exposure and white balance from samples (log colour and way of light).
+/// Estimates exposure and white balance from samples (log light per band, light path).
 pub fn estimate_rendering(
     samples: &[([f32; 3], LightPath)],
     model: &ImagingModel,
@@ -25,8 +26,8 @@ pub fn estimate_rendering(
         .map(|(_, path)| model.log_radiance(path, Removal::of(config.method)))
         .collect();
     let medians: Vec<f64> =
-        (0..bands).map(|b| quantile(removed.iter().map(|r| -r[b]), 0.5)).collect();
-    let is_near = |r: &Bands| (0..bands).all(|b| -r[b] <= medians[b] + FAR_FACTOR.ln());
+        (0..bands).map(|b| median(&removed.iter().map(|r| -r[b]).collect::<Vec<_>>())).collect();
+    let is_near = |r: &Bands| (0..bands).all(|b| -r[b] <= medians[b] + MAX_CORRECTION_RATIO.ln());
     let corrected: Vec<Bands> = samples
         .iter()
         .zip(&removed)
@@ -39,8 +40,9 @@ pub fn estimate_rendering(
         WhiteBalance::None => vec![1.0; bands],
         WhiteBalance::Factors(factors) => factors[..bands].to_vec(),
         WhiteBalance::GreyWorld => {
-            let medians: Vec<f64> =
-                (0..bands).map(|b| quantile(corrected.iter().map(|c| c[b]), 0.5)).collect();
+            let medians: Vec<f64> = (0..bands)
+                .map(|b| median(&corrected.iter().map(|c| c[b]).collect::<Vec<_>>()))
+                .collect();
             let mean = medians.iter().sum::<f64>() / bands as f64;
             medians.iter().map(|m| (mean - m).exp()).collect()
         }
@@ -48,7 +50,7 @@ pub fn estimate_rendering(
     let brightest = corrected
         .iter()
         .map(|c| (0..bands).map(|b| c[b] + balance[b].ln()).fold(f64::NEG_INFINITY, f64::max));
-    let highlight = quantile(brightest, config.highlight_quantile);
+    let highlight = quantile(&brightest.collect::<Vec<_>>(), config.highlight_quantile);
     let exposure =
         if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
     let median_correction = medians.iter().map(|m| finite_or_one(m.exp())).collect();
@@ -67,13 +69,4 @@ pub fn estimate_rendering(
 
 fn finite_or_one(v: f64) -> f64 {
     if v.is_finite() && v > 0.0 { v } else { 1.0 }
-}
-
-fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
-    let mut values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let index = ((values.len() - 1) as f64 * share).round() as usize;
-    *values.select_nth_unstable_by(index, f64::total_cmp).1
 }

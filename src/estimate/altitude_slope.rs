@@ -99,8 +99,8 @@ pub fn attenuation(
                     / bands as f64
             })
             .collect();
-        answer.residual = stats::scale(&misfits);
-        weights = misfits.iter().map(|e| stats::cauchy(*e, answer.residual)).collect();
+        answer.residual = stats::robust_std(&misfits);
+        weights = misfits.iter().map(|e| stats::cauchy_weight(*e, answer.residual)).collect();
     }
     answer.observations = rows.len();
     // What a frame gets wrong it gets wrong in all its cells: the spread comes from leaving out

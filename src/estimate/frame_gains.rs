@@ -80,7 +80,9 @@ fn frame_gains(data: &Dataset<'_>, model: &ImagingModel) -> Vec<f64> {
             let of_track: Vec<f64> = equations[start..*end].iter().map(beyond_gain).collect();
             // Against the track's median: one frame in twenty stands out, not the others.
             let level = stats::median(&of_track);
-            weights.extend(of_track.iter().map(|e| [stats::cauchy(e - level, spread), 0.0, 0.0]));
+            weights.extend(
+                of_track.iter().map(|e| [stats::cauchy_weight(e - level, spread), 0.0, 0.0]),
+            );
             residuals.extend(of_track.iter().map(|e| e - level));
             start = *end;
         }
@@ -94,7 +96,7 @@ fn frame_gains(data: &Dataset<'_>, model: &ImagingModel) -> Vec<f64> {
         let (normal, right) = system.normal_equations(&prior);
         let Some(factor) = normal.cholesky() else { return vec![0.0; frames] };
         gains = factor.solve(&right);
-        spread = stats::scale(&residuals).max(MIN_SPREAD);
+        spread = stats::robust_std(&residuals).max(MIN_SPREAD);
     }
     outliers(gains.as_slice())
 }
@@ -126,7 +128,7 @@ fn outliers(gains: &[f64]) -> Vec<f64> {
         gains[f] - stats::median(&around)
     };
     let relative: Vec<f64> = (0..gains.len()).map(relative).collect();
-    let limit = STANDS_OUT.max(SPREADS * stats::scale(&relative));
+    let limit = STANDS_OUT.max(SPREADS * stats::robust_std(&relative));
     relative.into_iter().map(|g| if g.abs() > limit { g } else { 0.0 }).collect()
 }
 

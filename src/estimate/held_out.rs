@@ -50,6 +50,6 @@ pub fn loss(misfits: &[f64], scale: f64) -> f64 {
 
 /// How much less the second loses than the first: 0.1 is a tenth.
 pub fn improvement(before: &[f64], after: &[f64]) -> f64 {
-    let scale = stats::scale(before);
+    let scale = stats::robust_std(before);
     1.0 - loss(after, scale) / loss(before, scale)
 }

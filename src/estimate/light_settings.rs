@@ -74,7 +74,7 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
                 let Some(logs) = logs else { continue };
                 let step = |c: &Change| logs[c.frames.1] - logs[c.frames.0];
                 let size = beside_height(&changes, |c| c.log_light - step(c));
-                let whole = stats::mean_size(&changes.iter().map(step).collect::<Vec<_>>());
+                let whole = stats::mean_absolute(&changes.iter().map(step).collect::<Vec<_>>());
                 let is_of_height = whole > 0.0
                     && changes.len() >= LEAST_CHANGES
                     && beside_height(&changes, step) < OF_HEIGHT * whole;
@@ -103,14 +103,14 @@ const ROUNDS: usize = 4;
 fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
     let values: Vec<f64> = changes.iter().map(of).collect();
     if changes.len() < LEAST_CHANGES {
-        return stats::mean_size(&values);
+        return stats::mean_absolute(&values);
     }
     let mut left = values.clone();
     for _ in 0..ROUNDS {
-        let scale = stats::scale(&left);
+        let scale = stats::robust_std(&left);
         let (mut normal, mut right) = (Matrix2::identity() * 1e-12, Vector2::zeros());
         for ((change, value), left) in changes.iter().zip(&values).zip(&left) {
-            let (row, weight) = (Vector2::from(change.height), stats::cauchy(*left, scale));
+            let (row, weight) = (Vector2::from(change.height), stats::cauchy_weight(*left, scale));
             normal += row * row.transpose() * weight;
             right += row * *value * weight;
         }
@@ -121,7 +121,7 @@ fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
             .map(|(c, v)| v - slopes.dot(&Vector2::from(c.height)))
             .collect();
     }
-    stats::mean_size(&left)
+    stats::mean_absolute(&left)
 }
 
 /// From neighbour to neighbour.

@@ -88,8 +88,8 @@ pub fn attenuation(
                 / bands as f64
         };
         let misfits: Vec<f64> = pairs.iter().map(misfit).collect();
-        answer.residual = stats::scale(&misfits);
-        weights = misfits.iter().map(|e| stats::cauchy(*e, answer.residual)).collect();
+        answer.residual = stats::robust_std(&misfits);
+        weights = misfits.iter().map(|e| stats::cauchy_weight(*e, answer.residual)).collect();
     }
     // Per image, and the mean over images that are not below the floor.
     let mut start = 0;

@@ -33,14 +33,14 @@ impl FlatField {
         for band in 0..image.bands {
             let mut values: Vec<f32> =
                 image.pixels.iter().skip(band).step_by(image.bands).copied().collect();
-            let at = ((values.len() - 1) as f64 * WHITE_QUANTILE) as usize;
-            let brightest = *values.select_nth_unstable_by(at, f32::total_cmp).1;
+            let rank = ((values.len() - 1) as f64 * WHITE_QUANTILE) as usize;
+            let white = *values.select_nth_unstable_by(rank, f32::total_cmp).1;
             image
                 .pixels
                 .iter_mut()
                 .skip(band)
                 .step_by(image.bands)
-                .for_each(|v| *v = (*v / brightest.max(1e-9)).max(MIN_TRANSMISSION));
+                .for_each(|v| *v = (*v / white.max(1e-9)).max(MIN_TRANSMISSION));
         }
         Self { transmission: image }
     }

@@ -78,7 +78,7 @@ pub fn srgb_encode(light: f64) -> f64 {
 ///
 /// ```text
 /// out = light                                      up to the knee k
-/// out = k + (1 − k) (1 − e^(−(light − k)/(1 − k)))  above; continuous slope at k, white at infinity
+/// out = k + (1 − k) (1 − e^(−(light − k)/(1 − k)))  above; slope continuous, white at infinity
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shoulder {

@@ -3,7 +3,7 @@
 
 use super::equation::Equation;
 use crate::image::Bands;
-use crate::stats as robust;
+use crate::stats;
 
 /// Brightness classes of the noise.
 const NOISE_CLASSES: usize = 6;
@@ -15,13 +15,13 @@ const MIN_CLASS_SPREAD: f64 = 0.2;
 /// Weights of y from residuals of log c, and the overall robust spread \[log light\].
 pub fn reweight(equations: &[Equation], residuals: &[Bands], bands: usize) -> (Vec<Bands>, f64) {
     let all: Vec<f64> = residuals.iter().flat_map(|r| r[..bands].iter().copied()).collect();
-    let spread = robust::scale(&all);
+    let spread = stats::robust_std(&all);
     let spreads = class_spreads(equations, residuals, bands, spread);
     let weights = equations.iter().zip(residuals).zip(&spreads).map(|((equation, r), of_class)| {
         // A false match is false in all bands: the robust factor is shared.
         let common =
             ((0..bands).map(|b| (r[b] / of_class[b]).powi(2)).sum::<f64>() / bands as f64).sqrt();
-        let trust = robust::cauchy(common, 1.0);
+        let trust = stats::cauchy_weight(common, 1.0);
         std::array::from_fn(|b| {
             let share = equation.reading.direct_share[b];
             if b < bands { trust * (spread / of_class[b] * share).powi(2) } else { 0.0 }
@@ -47,7 +47,7 @@ fn class_spreads(
         order.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         for class in order.chunks(count.div_ceil(NOISE_CLASSES).max(MIN_CLASS)) {
             let of_class: Vec<f64> = class.iter().map(|(_, i)| residuals[*i][b]).collect();
-            let of_class = robust::scale(&of_class).max(MIN_CLASS_SPREAD * spread);
+            let of_class = stats::robust_std(&of_class).max(MIN_CLASS_SPREAD * spread);
             class.iter().for_each(|(_, i)| spreads[*i][b] = of_class);
         }
     }

@@ -1,43 +1,44 @@
 //! Baseline: contrast-limited adaptive histogram equalisation (paper §III-B; Zuiderveld 1994,
-//! "Contrast limited adaptive histogram equalization"), band by band on 8-bit sRGB codes, step by
-//! step as OpenCV's `createCLAHE` does it.
+//! "Contrast limited adaptive histogram equalization"), per band on 8-bit sRGB values, identical to
+//! OpenCV's `createCLAHE`.
 
-use super::LEAST_LIGHT;
+use super::MIN_LIGHT;
 use crate::image::LinearImage;
 use crate::image::transfer::{Shoulder, SrgbTable, Transfer};
+use crate::stats::quantile;
 
-/// Tiles along each side, as OpenCV has them.
+/// Tiles per side, OpenCV's default.
 const TILES: usize = 8;
-/// A histogram is clipped at this many times its mean: twice, as is usual; more brings out noise.
+/// Histogram bins are clipped at this multiple of their mean. A higher limit amplifies noise.
 const CLIP_LIMIT: f64 = 2.0;
-/// A frame is first brought to where this share of its values is below full scale: codes of dark
-/// frames would be few.
+/// Before quantisation a frame is scaled such that this share of its values is below full scale;
+/// dark frames would otherwise have few grey levels.
 const BRIGHT_QUANTILE: f64 = 0.999;
 
 /// Equalises each band.
 pub fn equalise(image: &mut LinearImage) {
-    let mut values = image.pixels.clone();
-    let index = ((values.len() - 1) as f64 * BRIGHT_QUANTILE).round() as usize;
-    let bright = (*values.select_nth_unstable_by(index, f32::total_cmp).1).max(LEAST_LIGHT);
-    let (to_code, to_light) = (SrgbTable::new(Shoulder { knee: 1.0 }), Transfer::Srgb.table8());
+    let values: Vec<f64> = image.pixels.iter().map(|v| f64::from(*v)).collect();
+    let bright = (quantile(&values, BRIGHT_QUANTILE) as f32).max(MIN_LIGHT);
+    let (srgb, to_light) = (SrgbTable::new(Shoulder { knee: 1.0 }), Transfer::Srgb.table8());
     for band in 0..image.bands {
-        let codes: Vec<u8> = image
+        let values: Vec<u8> = image
             .pixels
             .iter()
             .skip(band)
             .step_by(image.bands)
-            .map(|v| to_code.encode(v / bright))
+            .map(|v| srgb.encode(v / bright))
             .collect();
-        let equalised = clahe(&codes, image.width, image.height);
+        let equalised = clahe(&values, image.width, image.height);
         let of_band = image.pixels.iter_mut().skip(band).step_by(image.bands);
-        of_band.zip(equalised).for_each(|(v, code)| *v = to_light[usize::from(code)]);
+        of_band.zip(equalised).for_each(|(v, value)| *v = to_light[usize::from(value)]);
     }
 }
 
-/// The codes of one band, equalised tile by tile, bilinear between the tiles' centres.
-fn clahe(codes: &[u8], width: usize, height: usize) -> Vec<u8> {
-    // Where the tiles do not fit, the picture goes on mirrored, the edge itself not repeated; by a
-    // whole tile's worth on a side where they would, as OpenCV has it.
+/// Equalises one band: tile by tile, bilinear between tile centres.
+fn clahe(values: &[u8], width: usize, height: usize) -> Vec<u8> {
+    // Where the size is no multiple of the tiles, the image is extended by mirroring (without
+    // repeating the edge); as in OpenCV, then both sides are extended, also one that is a
+    // multiple.
     let fits = width.is_multiple_of(TILES) && height.is_multiple_of(TILES);
     let tile = |size: usize| if fits { size / TILES } else { size / TILES + 1 };
     let (tile_width, tile_height) = (tile(width), tile(height));
@@ -46,7 +47,7 @@ fn clahe(codes: &[u8], width: usize, height: usize) -> Vec<u8> {
         if folded < count { folded } else { 2 * count - 2 - folded }
     };
     let at =
-        |x: usize, y: usize| usize::from(codes[mirrored(y, height) * width + mirrored(x, width)]);
+        |x: usize, y: usize| usize::from(values[mirrored(y, height) * width + mirrored(x, width)]);
     let mut tables = Vec::with_capacity(TILES * TILES);
     for tile in 0..TILES * TILES {
         let (left, top) = (tile % TILES * tile_width, tile / TILES * tile_height);
@@ -56,23 +57,23 @@ fn clahe(codes: &[u8], width: usize, height: usize) -> Vec<u8> {
         }
         tables.push(table(histogram, tile_width * tile_height));
     }
-    let place = |at: usize, size: usize| {
-        let place = at as f32 * (1.0 / size as f32) - 0.5;
-        let first = place.floor();
+    let neighbours = |at: usize, size: usize| {
+        let position = at as f32 * (1.0 / size as f32) - 0.5;
+        let first = position.floor();
         let tile = |k: f32| k.clamp(0.0, (TILES - 1) as f32) as usize;
-        (tile(first), tile(first + 1.0), place - first)
+        (tile(first), tile(first + 1.0), position - first)
     };
-    let one = |i: usize| {
+    let equalised = |i: usize| {
         let ((x0, x1, a), (y0, y1, b)) =
-            (place(i % width, tile_width), place(i / width, tile_height));
-        let of = |x: usize, y: usize| f32::from(tables[y * TILES + x][usize::from(codes[i])]);
+            (neighbours(i % width, tile_width), neighbours(i / width, tile_height));
+        let of = |x: usize, y: usize| f32::from(tables[y * TILES + x][usize::from(values[i])]);
         let row = |y: usize| of(x0, y) * (1.0 - a) + of(x1, y) * a;
         (row(y0) * (1.0 - b) + row(y1) * b).round_ties_even().clamp(0.0, 255.0) as u8
     };
-    (0..width * height).map(one).collect()
+    (0..width * height).map(equalised).collect()
 }
 
-/// A tile's table: its clipped histogram, summed up; what was clipped is spread over all codes.
+/// Mapping of a tile: cumulative clipped histogram; the clipped excess is spread over all values.
 fn table(mut histogram: [usize; 256], pixels: usize) -> [u8; 256] {
     let limit = ((CLIP_LIMIT * pixels as f64 / 256.0) as usize).max(1);
     let clipped: usize = histogram.iter().map(|n| n.saturating_sub(limit)).sum();
@@ -95,19 +96,20 @@ mod tests {
     /// cv2.createCLAHE(2.0, (8, 8)).apply(c)`; `e[5, 7], e[0, 0], e[-1, -1], e.sum()`, 64 × 48 and
     /// 67 × 45.
     #[test]
-    fn as_opencv_has_it() {
-        for (width, height, ought) in CLAHE {
-            let code = |i: usize| {
+    fn matches_opencv() {
+        for (width, height, expected) in CLAHE {
+            let value = |i: usize| {
                 let (x, y) = (i % width, i / width);
                 ((7 * x + 13 * y + x * y / 5) % 97 + 60) as u8
             };
-            let codes: Vec<u8> = (0..width * height).map(code).collect();
-            let is = super::clahe(&codes, width, height);
-            let sum: usize = is.iter().map(|v| usize::from(*v)).sum();
-            let points = [is[5 * width + 7], is[0], is[width * height - 1]].map(usize::from);
+            let values: Vec<u8> = (0..width * height).map(value).collect();
+            let result = super::clahe(&values, width, height);
+            let sum: usize = result.iter().map(|v| usize::from(*v)).sum();
+            let points =
+                [result[5 * width + 7], result[0], result[width * height - 1]].map(usize::from);
             assert_eq!(
                 (points, sum),
-                ([ought[0], ought[1], ought[2]], ought[3]),
+                ([expected[0], expected[1], expected[2]], expected[3]),
                 "{width}×{height}"
             );
         }

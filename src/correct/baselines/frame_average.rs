@@ -1,10 +1,10 @@
-//! The baseline of the paper: divide by the mean of all frames (§III-E, Eq. 14).
+//! Baseline: division by the mean of all frames (paper §III-E, Eq. 14).
 //!
 //! ```text
-//! (1/K) Σ_k c_Λ,k ≈ I_Λ r̄_Λ        a white balance per pixel whose white is the log's mean      Eq. 14
+//! (1/K) Σ_k c_Λ,k ≈ I_Λ r̄_Λ        white balance per pixel; the log's mean is white      Eq. 14
 //! ```
 //!
-//! Fair at one altitude over even ground; it knows nothing of path lengths.
+//! Valid at constant altitude over homogeneous seafloor; path lengths are ignored.
 
 use super::MEAN_LEVEL;
 use crate::image::LinearImage;
@@ -19,7 +19,7 @@ pub struct FrameAverage {
 }
 
 impl FrameAverage {
-    /// Takes in a frame; one of another size than the first is left out.
+    /// Adds a frame; frames of another size than the first are ignored.
     pub fn add(&mut self, image: &LinearImage) {
         if self.frames == 0 {
             self.sum = vec![0.0; image.pixels.len()];
@@ -40,13 +40,13 @@ impl FrameAverage {
         divide_by(&[self], image);
     }
 
-    /// Frames in it.
+    /// Number of frames.
     pub fn frames(&self) -> usize {
         self.frames
     }
 }
 
-/// Divides a frame by the mean of all frames of several sums.
+/// Divides a frame by the joint mean of several sums.
 pub fn divide_by(sums: &[&FrameAverage], image: &mut LinearImage) {
     let sums: Vec<_> = sums.iter().filter(|s| s.frames > 0 && s.fits(image)).collect();
     let frames = sums.iter().map(|s| s.frames).sum::<usize>() as f64;

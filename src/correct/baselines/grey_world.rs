@@ -1,18 +1,17 @@
-//! Baseline: the mean of a frame is taken for grey (paper §III-D, Eq. 13 with an even illumination;
-//! Buchsbaum 1980, "A spatial processor model for object colour perception"). Per frame, as its
-//! users have it.
+//! Baseline: grey world, per frame (paper §III-D, Eq. 13 with uniform illumination; Buchsbaum 1980,
+//! "A spatial processor model for object colour perception").
 
-use super::{LEAST_LIGHT, MEAN_LEVEL};
+use super::{MEAN_LEVEL, MIN_LIGHT};
 use crate::image::LinearImage;
 
-/// Brings every band's mean to one level.
+/// Scales every band to the same mean.
 pub fn balance(image: &mut LinearImage) {
     let bands = image.bands;
     for band in 0..bands {
         let of_band = image.pixels.iter().skip(band).step_by(bands);
         let mean =
             of_band.map(|v| f64::from(*v)).sum::<f64>() / (image.width * image.height) as f64;
-        let gain = (MEAN_LEVEL / mean.max(f64::from(LEAST_LIGHT))) as f32;
+        let gain = (MEAN_LEVEL / mean.max(f64::from(MIN_LIGHT))) as f32;
         image.pixels.iter_mut().skip(band).step_by(bands).for_each(|v| *v *= gain);
     }
 }
@@ -24,11 +23,11 @@ mod tests {
     /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `a * .25 / a.mean((0,
     /// 1))` at [5, 7].
     #[test]
-    fn as_numpy_has_it() {
+    fn matches_numpy() {
         let mut image = pattern(31, 23, 3);
         super::balance(&mut image);
-        for (is, ought) in image.at(7, 5).iter().zip(GREY_WORLD) {
-            assert!((f64::from(*is) - ought).abs() < 1e-6, "{is} {ought}");
+        for (result, expected) in image.at(7, 5).iter().zip(GREY_WORLD) {
+            assert!((f64::from(*result) - expected).abs() < 1e-6, "{result} {expected}");
         }
     }
 

@@ -5,43 +5,45 @@
 //! log c = log I + log r,   log I ≈ low-pass of log c       a Gaussian, band by band
 //! ```
 //!
-//! What is broad on the seafloor is taken for light and goes too; haloes stand around what is
-//! sharp. The Gaussian runs over blocks of pixels, as it is wider than they are by far.
+//! Low spatial frequencies of the seafloor are removed with the illumination, and sharp edges get
+//! haloes. The Gaussian is applied to block means, since it is much wider than the blocks.
 
-use super::{LEAST_LIGHT, MEAN_LEVEL, log_blocks};
+use super::{MEAN_LEVEL, MIN_LIGHT, log_blocks};
 use crate::image::LinearImage;
 
-/// Standard deviation of the low-pass, of the picture's longer side: an eighth is about a strobe's
+/// Standard deviation of the low-pass [share of the longer side]; about the size of a strobe's
 /// cone.
 const SIGMA_SHARE: f64 = 0.125;
 /// Blocks along the longer side.
 const SIDE: usize = 128;
-/// The Gaussian ends here [standard deviations], as SciPy's does.
+/// Truncation of the Gaussian [standard deviations], SciPy's default.
 const REACH: f64 = 4.0;
 
-/// Takes off what is broad.
+/// Removes the low-pass of log light.
 pub fn flatten(image: &mut LinearImage) {
     for band in 0..image.bands {
         let (logs, (columns, rows), block) = log_blocks(image, band, SIDE);
-        let broad = blurred(&logs, columns, rows, SIGMA_SHARE * columns.max(rows) as f64);
+        let smooth = blurred(&logs, columns, rows, SIGMA_SHARE * columns.max(rows) as f64);
         let (width, bands) = (image.width, image.bands);
         for (i, pixel) in image.pixels.chunks_exact_mut(bands).enumerate() {
-            // Blocks' centres, bilinear between.
-            let place = |at: usize, count: usize| {
-                let place = ((at as f64 + 0.5) / block as f64 - 0.5).clamp(0.0, (count - 1) as f64);
-                let first = (place as usize).min(count.saturating_sub(2));
-                (first, (first + 1).min(count - 1), place - first as f64)
+            // Bilinear between block centres.
+            let neighbours = |at: usize, count: usize| {
+                let position =
+                    ((at as f64 + 0.5) / block as f64 - 0.5).clamp(0.0, (count - 1) as f64);
+                let first = (position as usize).min(count.saturating_sub(2));
+                (first, (first + 1).min(count - 1), position - first as f64)
             };
-            let ((x0, x1, a), (y0, y1, b)) = (place(i % width, columns), place(i / width, rows));
-            let row = |y: usize| broad[y * columns + x0] * (1.0 - a) + broad[y * columns + x1] * a;
+            let ((x0, x1, a), (y0, y1, b)) =
+                (neighbours(i % width, columns), neighbours(i / width, rows));
+            let row =
+                |y: usize| smooth[y * columns + x0] * (1.0 - a) + smooth[y * columns + x1] * a;
             let light = row(y0) * (1.0 - b) + row(y1) * b;
-            pixel[band] =
-                (f64::from(pixel[band].max(LEAST_LIGHT)) / light.exp() * MEAN_LEVEL) as f32;
+            pixel[band] = (f64::from(pixel[band].max(MIN_LIGHT)) / light.exp() * MEAN_LEVEL) as f32;
         }
     }
 }
 
-/// A Gaussian along both axes, the picture mirrored at its edges.
+/// Separable Gaussian, the image mirrored at its edges.
 fn blurred(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> {
     let reach = (REACH * sigma + 0.5) as i64;
     let weights: Vec<f64> =
@@ -74,11 +76,11 @@ mod tests {
     /// scipy.ndimage.gaussian_filter(np.log(a), (31 / 8, 31 / 8, 0))) * .25` at [5, 7] and [22,
     /// 30].
     #[test]
-    fn as_scipy_has_it() {
+    fn matches_scipy() {
         let mut image = pattern(31, 23, 3);
         super::flatten(&mut image);
-        for (is, ought) in image.at(7, 5).iter().chain(image.at(30, 22)).zip(HOMOMORPHIC) {
-            assert!((f64::from(*is) - ought).abs() < 1e-5, "{is} {ought}");
+        for (result, expected) in image.at(7, 5).iter().chain(image.at(30, 22)).zip(HOMOMORPHIC) {
+            assert!((f64::from(*result) - expected).abs() < 1e-5, "{result} {expected}");
         }
     }
 

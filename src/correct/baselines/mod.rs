@@ -1,10 +1,9 @@
-//! What others do, for comparison on equal terms (paper §III, Fig. 4). **Not corrections**: some
-//! take statistics of a single frame, so what is brighter in their pictures need not be brighter on
-//! the seafloor, and none knows a path of light.
+//! Baseline methods for comparison (paper §III, Fig. 4). **Not radiometric corrections**: some use
+//! statistics of a single frame, so that brighter pixels need not be brighter on the seafloor, and
+//! none models the light path.
 //!
-//! All work on the demosaiced picture in linear light (but for `ahe`, which is made for codes) and
-//! bring what they take for the mean, or for white, to one level, so that pictures can be looked at
-//! side by side.
+//! All work on the demosaiced image in linear light (`ahe` on 8-bit sRGB values) and scale their
+//! mean or white to a common level, so that results are comparable.
 
 mod adaptive_histogram;
 mod frame_average;
@@ -20,24 +19,24 @@ pub use range_average::RangeAverage;
 use crate::config::Method;
 use crate::image::LinearImage;
 
-/// Light of what a method takes for the mean [share of white].
+/// Level to which a method scales its mean [share of white].
 const MEAN_LEVEL: f64 = 0.25;
-/// Light of what a method takes for white [share of white].
+/// Level to which a method scales its white [share of white].
 const WHITE_LEVEL: f64 = 0.9;
-/// Logs begin here [share of full scale]: about the least code of a good camera.
-const LEAST_LIGHT: f32 = 1e-4;
+/// Lower bound before logarithms [share of full scale]; about one DN of a 12-bit camera.
+const MIN_LIGHT: f32 = 1e-4;
 
-/// Mean frames of a log, for the methods that divide by them.
+/// Mean frames of a log, for [`Method::FrameAverage`] and [`Method::RangeAverage`].
 #[derive(Clone, Debug, Default)]
 pub struct MeanFrames {
-    /// of all frames
+    /// over all frames
     pub all: FrameAverage,
-    /// of frames at a height
+    /// over frames at similar altitude
     pub by_range: RangeAverage,
 }
 
 impl MeanFrames {
-    /// Takes in a frame for the method that wants it.
+    /// Adds a frame for a method that needs it; other methods ignore it.
     pub fn add(&mut self, method: Method, image: &LinearImage, camera_altitude_m: f64) {
         match method {
             Method::FrameAverage => self.all.add(image),
@@ -47,7 +46,7 @@ impl MeanFrames {
     }
 }
 
-/// Applies a baseline; a method that is none leaves the picture as it is.
+/// Applies a baseline; other methods leave the image unchanged.
 pub fn apply(method: Method, image: &mut LinearImage, means: &MeanFrames, camera_altitude_m: f64) {
     match method {
         Method::FrameAverage => means.all.divide(image),
@@ -61,15 +60,15 @@ pub fn apply(method: Method, image: &mut LinearImage, means: &MeanFrames, camera
     }
 }
 
-/// A band of a picture, log light, in blocks such that its longer side is `side` at most; and the
-/// block's size.
+/// Block means of log light of one band, with at most `side` blocks along the longer side; columns
+/// and rows of blocks; and the block size [px].
 fn log_blocks(image: &LinearImage, band: usize, side: usize) -> (Vec<f64>, (usize, usize), usize) {
     let block = image.width.max(image.height).div_ceil(side).max(1);
     let (columns, rows) = (image.width.div_ceil(block), image.height.div_ceil(block));
     let mut sums = vec![(0.0, 0u32); columns * rows];
     for (i, pixel) in image.pixels.chunks_exact(image.bands).enumerate() {
         let (sum, count) = &mut sums[i / image.width / block * columns + i % image.width / block];
-        *sum += f64::from(pixel[band].max(LEAST_LIGHT).ln());
+        *sum += f64::from(pixel[band].max(MIN_LIGHT).ln());
         *count += 1;
     }
     (sums.into_iter().map(|(sum, count)| sum / f64::from(count)).collect(), (columns, rows), block)
@@ -79,8 +78,7 @@ fn log_blocks(image: &LinearImage, band: usize, side: usize) -> (Vec<f64>, (usiz
 pub(super) mod tests {
     use super::*;
 
-    /// A picture that Python makes the same: `((7x + 13y + 29b) % 97 + 3) / 128`, in double
-    /// precision.
+    /// Test image that Python reproduces: `((7x + 13y + 29b) % 97 + 3) / 128`, in double precision.
     pub fn pattern(width: usize, height: usize, bands: usize) -> LinearImage {
         let mut image = LinearImage::new(width, height, bands);
         for (i, pixel) in image.pixels.chunks_exact_mut(bands).enumerate() {
@@ -94,7 +92,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_black_picture_stays_finite_in_every_baseline() {
+    fn a_black_image_stays_finite_in_every_baseline() {
         let methods = [
             Method::GreyWorld,
             Method::WhitePatch,

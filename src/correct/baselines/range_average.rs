@@ -1,10 +1,9 @@
-//! Baseline: divide by the mean of the frames that were taken at about the same height (paper
-//! §III-E, after Rock, Honig, Stewart, Gallager & York, "Illumination correction for HabCam
-//! imagery", unpublished: its [33]).
+//! Baseline: division by the mean of frames at similar altitude (paper §III-E, after Rock, Honig,
+//! Stewart, Gallager & York, "Illumination correction for HabCam imagery", unpublished: its [33]).
 //!
-//! One height a frame, that of the camera over the plane, in bins. The source's own bins are not
-//! known. Right over level ground; it fails where the floor is not flat to the camera, and where a
-//! bin has too few frames to average the floor out.
+//! One altitude per frame, that of the camera over the plane, in bins; the bins of the source are
+//! not published. Valid over level seafloor; it fails where the seafloor is tilted against the
+//! camera, and where a bin has too few frames to average out the texture.
 
 use std::collections::BTreeMap;
 
@@ -12,25 +11,26 @@ use super::FrameAverage;
 use super::frame_average::divide_by;
 use crate::image::LinearImage;
 
-/// Width of a bin [m]. Wider, and the light changes by a tenth in it; narrower, and it has no
+/// Width of a bin [m]. Light changes by up to 10 % within a wider bin; a narrower one has too few
 /// frames.
 const BIN_M: f64 = 0.2;
-/// A bin with fewer frames takes in its neighbours, or a frame is divided by little but itself.
-const LEAST_FRAMES: usize = 4;
+/// A bin with fewer frames is merged with its neighbours; a frame would otherwise be divided by
+/// little but itself.
+const MIN_FRAMES: usize = 4;
 
-/// Sums of frames by height. A picture's worth of numbers per bin stays in memory.
+/// Sums of frames by altitude bin. Memory: one image of `f64` per bin.
 #[derive(Clone, Debug, Default)]
 pub struct RangeAverage {
     bins: BTreeMap<i64, FrameAverage>,
 }
 
 impl RangeAverage {
-    /// Takes in a frame.
+    /// Adds a frame.
     pub fn add(&mut self, image: &LinearImage, camera_altitude_m: f64) {
         self.bins.entry(bin(camera_altitude_m)).or_default().add(image);
     }
 
-    /// Divides a frame by the mean of those at its height.
+    /// Divides a frame by the mean at its altitude.
     pub fn divide(&self, image: &mut LinearImage, camera_altitude_m: f64) {
         let at = bin(camera_altitude_m);
         let farthest = self.bins.keys().map(|b| (b - at).abs()).max().unwrap_or(0);
@@ -38,7 +38,7 @@ impl RangeAverage {
             self.bins.range(at - reach..=at + reach).map(|(_, sum)| sum).collect::<Vec<_>>()
         };
         let enough = |sums: &Vec<&FrameAverage>| {
-            sums.iter().map(|s| s.frames()).sum::<usize>() >= LEAST_FRAMES
+            sums.iter().map(|s| s.frames()).sum::<usize>() >= MIN_FRAMES
         };
         let sums = (0..=farthest).map(within).find(enough).unwrap_or_else(|| within(farthest));
         divide_by(&sums, image);
@@ -54,17 +54,16 @@ mod tests {
     use super::super::{MEAN_LEVEL, tests::pattern};
     use super::*;
 
-    /// Light falls with height: frames of a bin are divided by their own mean, frames between bins
-    /// by the nearest.
+    /// Frames of a bin are divided by the mean of that bin, frames between bins by the nearest.
     #[test]
-    fn each_height_has_its_own_mean() {
-        let floor = pattern(8, 6, 3);
+    fn each_altitude_has_its_own_mean() {
+        let seafloor = pattern(8, 6, 3);
         let lit = |light: f32| LinearImage {
-            pixels: floor.pixels.iter().map(|v| v * light).collect(),
-            ..floor.clone()
+            pixels: seafloor.pixels.iter().map(|v| v * light).collect(),
+            ..seafloor.clone()
         };
         let mut average = RangeAverage::default();
-        for _ in 0..LEAST_FRAMES {
+        for _ in 0..MIN_FRAMES {
             average.add(&lit(1.0), 1.05);
             average.add(&lit(0.25), 2.05);
         }
