@@ -1,4 +1,4 @@
-//! Numbers on a coarse grid over a picture, bilinear between: rows of them as pixels need them.
+//! Values on a coarse grid over an image, bilinear in between, given row by row.
 //!
 //! A row of nodes is spread over its pixels once, and the rows of pixels down to the next one are
 //! mixtures of two such rows: a multiplication and an addition per value, in loops that vectorise.
@@ -7,7 +7,7 @@ use crate::image::demosaic::BayerPattern;
 
 /// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the
 /// picture's edge or beyond it.
-pub struct Nodes {
+pub struct NodeGrid {
     /// [px]
     pub step: usize,
     /// nodes across
@@ -20,7 +20,7 @@ pub struct Nodes {
     pub values: Vec<f32>,
 }
 
-impl Nodes {
+impl NodeGrid {
     /// All of one value.
     pub fn new((width, height): (usize, usize), step: usize, bands: usize, value: f32) -> Self {
         let (columns, rows) = ((width - 1).div_ceil(step) + 1, (height - 1).div_ceil(step) + 1);
@@ -58,9 +58,9 @@ pub fn between(a: f32, b: f32, share: f32) -> f32 {
     a + (b - a) * share
 }
 
-/// Walks down a picture and gives each row its values.
-pub struct Walk<'n> {
-    nodes: &'n Nodes,
+/// Interpolates the rows of an image from top to bottom.
+pub struct RowWalker<'n> {
+    nodes: &'n NodeGrid,
     width: usize,
     mosaic: Option<BayerPattern>,
     /// the row of nodes that `above` was spread from
@@ -70,9 +70,9 @@ pub struct Walk<'n> {
     below: [Vec<f32>; 2],
 }
 
-impl<'n> Walk<'n> {
-    /// Over a picture this wide; a mosaic's pixels take the value of their own band.
-    pub fn new(nodes: &'n Nodes, width: usize, mosaic: Option<BayerPattern>) -> Self {
+impl<'n> RowWalker<'n> {
+    /// For images `width` pixels wide; a mosaic's pixels take the value of their own band.
+    pub fn new(nodes: &'n NodeGrid, width: usize, mosaic: Option<BayerPattern>) -> Self {
         let bands = if mosaic.is_some() { 1 } else { nodes.bands };
         let rows = || {
             std::array::from_fn(|parity| {
@@ -82,7 +82,7 @@ impl<'n> Walk<'n> {
         Self { nodes, width, mosaic, top: None, above: rows(), below: rows() }
     }
 
-    /// Values of row `y`, which must not lie above the row asked for before.
+    /// Values of row `y`; rows must be requested from top to bottom.
     pub fn row(&mut self, y: usize, out: &mut [f32]) {
         let (above, below, share) = self.around(y);
         out.iter_mut().zip(above).zip(below).for_each(|((v, a), b)| *v = between(*a, *b, share));
@@ -101,7 +101,7 @@ impl<'n> Walk<'n> {
                     spread(
                         self.nodes,
                         top,
-                        self.bands_of_turns(parity),
+                        self.bands_of_row(parity),
                         self.width,
                         &mut self.above[parity],
                     );
@@ -109,7 +109,7 @@ impl<'n> Walk<'n> {
                 spread(
                     self.nodes,
                     top + 1,
-                    self.bands_of_turns(parity),
+                    self.bands_of_row(parity),
                     self.width,
                     &mut self.below[parity],
                 );
@@ -122,21 +122,27 @@ impl<'n> Walk<'n> {
     }
 
     /// Bands of even and odd pixels of a mosaic's row.
-    fn bands_of_turns(&self, parity: usize) -> Option<[usize; 2]> {
+    fn bands_of_row(&self, parity: usize) -> Option<[usize; 2]> {
         self.mosaic.map(|phase| [phase.band(0, parity), phase.band(1, parity)])
     }
 }
 
 /// One row of nodes over all pixels.
-fn spread(nodes: &Nodes, row: usize, turns: Option<[usize; 2]>, width: usize, out: &mut [f32]) {
+fn spread(
+    nodes: &NodeGrid,
+    row: usize,
+    row_bands: Option<[usize; 2]>,
+    width: usize,
+    out: &mut [f32],
+) {
     let (step, bands) = (nodes.step, nodes.bands);
-    let stored = if turns.is_some() { 1 } else { bands };
+    let stored = if row_bands.is_some() { 1 } else { bands };
     for (column, cell) in out[..width * stored].chunks_mut(step * stored).enumerate() {
         let (left, right) = (nodes.at(row, column), nodes.at(row, column + 1));
         for (k, pixel) in cell.chunks_exact_mut(stored).enumerate() {
             let share = k as f32 / step as f32;
             for (b, v) in pixel.iter_mut().enumerate() {
-                let band = turns.map_or(b, |turns| turns[(column * step + k) % 2]);
+                let band = row_bands.map_or(b, |row_bands| row_bands[(column * step + k) % 2]);
                 *v = between(left[band], right[band], share);
             }
         }
@@ -154,7 +160,7 @@ mod tests {
         let truth = |x: usize, y: usize, band: usize| {
             1.0 + 0.1 * x as f32 - 0.05 * y as f32 + 10.0 * band as f32
         };
-        let mut nodes = Nodes::new((width, height), 5, 3, 0.0);
+        let mut nodes = NodeGrid::new((width, height), 5, 3, 0.0);
         for row in 0..nodes.rows {
             for column in 0..nodes.columns {
                 nodes
@@ -166,7 +172,7 @@ mod tests {
         }
         for mosaic in [None, Some(BayerPattern::Gbrg)] {
             let stored = if mosaic.is_some() { 1 } else { 3 };
-            let mut walk = Walk::new(&nodes, width, mosaic);
+            let mut walk = RowWalker::new(&nodes, width, mosaic);
             let mut row = vec![0.0; width * stored];
             for y in 0..height {
                 walk.row(y, &mut row);
