@@ -1,5 +1,5 @@
-//! Reads OMG CDR as ROS 2 writes it, in both byte orders, and ROS 1 serialisation, which is the same
-//! without encapsulation header, alignment and NUL.
+//! Reads OMG CDR as ROS 2 writes it, in both byte orders, and ROS 1 serialisation, which is the
+//! same without encapsulation header, alignment and NUL.
 //!
 //! Memory is bounded by the message: a sequence that claims more elements than there are bytes left
 //! is an error before anything is allocated. Alignment counts from the end of the 4-byte

@@ -3,12 +3,12 @@
 //!
 //! | shape | range | no return | directions |
 //! | --- | --- | --- | --- |
-//! | `dvl_msgs/DVL` and renames | `distance` | `valid`, `beam_valid` false; −1, 0 | Water Linked, by id |
+//! | `dvl_msgs/DVL`, renames | `distance` | `valid`, `beam_valid` false; ≤ 0 | by id |
 //! | Blueye `DvlVelocity` | `distance` | `beam_valid` false | Water Linked (4), Nucleus (3) |
 //! | UUV simulator and others | `range` | < 0; covariance −1; 81 m, 0.7 m | `pose`, its x axis |
 //! | `gz.msgs.DVLVelocityTracking` | `range.mean` | `locked` false | none |
 //!
-//! The others are `cola2_msgs`, `smarc_msgs`, Stonefish. `altitude` freezes at the last good value
+//! `dvl_msgs/DVL` has the beams of Water Linked, the other simulators are `cola2_msgs`, `smarc_msgs`, Stonefish. `altitude` freezes at the last good value
 //! in many drivers: it is used only where the list is empty.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -2,8 +2,8 @@
 //!
 //! Definition: apl-ocean-engineering/marine_msgs. There is no flag per beam: 0, negative, NaN and
 //! infinite mean no return. The vectors are checked before use: two public drivers swap sine and
-//! cosine (67.5° off the axis for a 22.5° instrument), a bridge leaves them zero, WHOI's point along
-//! −z (z up).
+//! cosine (67.5° off the axis for a 22.5° instrument), a bridge leaves them zero, WHOI's point
+//! along −z (z up).
 
 use nalgebra::Vector3;
 

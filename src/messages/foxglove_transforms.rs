@@ -1,4 +1,4 @@
-//! `foxglove.FrameTransform` and `foxglove.FrameTransforms`: poses of child frames in their parents.
+//! `foxglove.FrameTransform` and `foxglove.FrameTransforms`: poses of child frames.
 
 use super::layout::Layout;
 use super::reading::{FrameTransform, missing, pose};

@@ -1,8 +1,8 @@
 //! Parses `ros2idl` and `omgidl` schemas.
 //!
-//! The subset that ROS 2 generates and DDS users write: modules, structs, enums, typedefs, constants
-//! as sizes, sequences, bounded strings, arrays. Annotations and preprocessor lines are ignored; the
-//! use of a union is an error.
+//! The subset that ROS 2 generates and DDS users write: modules, structs, enums, typedefs,
+//! constants as sizes, sequences, bounded strings, arrays. Annotations and preprocessor lines are
+//! ignored; the use of a union is an error.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,5 @@
-//! JSON messages, with a JSON Schema or without any schema; then the first message gives the layout.
+//! JSON messages, with a JSON Schema or without any schema; then the first message gives the
+//! layout.
 //!
 //! `data` in base64 (`contentEncoding` in Foxglove's schemas) or as a list of bytes becomes bytes.
 

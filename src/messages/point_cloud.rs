@@ -1,5 +1,5 @@
-//! `sensor_msgs/PointCloud2` and `foxglove.PointCloud`: points at even intervals of the cloud become
-//! the beams of a ping.
+//! `sensor_msgs/PointCloud2` and `foxglove.PointCloud`: points at even intervals of the cloud
+//! become the beams of a ping.
 
 use nalgebra::Vector3;
 

@@ -177,7 +177,8 @@ impl PassTwo<'_> {
             let blocks =
                 self.recording.blocks().iter().filter(|block| block.may_overlap(self.window));
             // Two at least, however large: one is read while the other is worked on.
-            let blocks = blocks.map(|block| (block.weight().min(chunks / 2), Job::Work(block)));
+            let blocks =
+                blocks.map(|block| (block.memory_bytes().min(chunks / 2), Job::Work(block)));
             let items = scope
                 .in_order(blocks, chunks, &read)
                 .flat_map(|items| items.unwrap_or_else(|e| vec![Item::Failed(e)]));
@@ -186,7 +187,7 @@ impl PassTwo<'_> {
             let pieces = std::iter::from_fn(|| {
                 loop {
                     if let Some(piece) = out.next_piece() {
-                        return Some((piece.weight().min(chunks / 2), Job::Work(piece)));
+                        return Some((piece.memory_bytes().min(chunks / 2), Job::Work(piece)));
                     }
                     match outcomes.next() {
                         Some(Outcome::Failed(error)) => return Some((0, Job::Done(Err(error)))),
@@ -355,7 +356,7 @@ impl PassTwo<'_> {
             let pairs = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();
             file.metadata(&format!("unwater{}", camera.place), &pairs)?;
         }
-        file.finish(out)
+        file.finish(out.declarations())
     }
 }
 

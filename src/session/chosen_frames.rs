@@ -46,7 +46,10 @@ pub fn for_frames<R: Send>(
     let under_way = threads.count() * UNDER_WAY;
     threads.scope(|scope| {
         let weight = |block: u32| {
-            recording.blocks().get(block as usize).map_or(0, |b| b.weight().min(under_way / 2))
+            recording
+                .blocks()
+                .get(block as usize)
+                .map_or(0, |b| b.memory_bytes().min(under_way / 2))
         };
         let blocks = scope.in_order(
             blocks.into_iter().map(|block| (weight(block.0), Job::Work(block))),

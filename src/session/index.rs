@@ -168,9 +168,9 @@ pub fn scan(
     let read = |(number, block): (u32, &Block)| Ok((number, recording.read(block, Window::ALL)?));
     let under_way = threads.count() * UNDER_WAY;
     threads.scope(|scope| {
-        let blocks = wanted
-            .into_iter()
-            .map(|(number, block)| (block.weight().min(under_way / 2), Job::Work((number, block))));
+        let blocks = wanted.into_iter().map(|(number, block)| {
+            (block.memory_bytes().min(under_way / 2), Job::Work((number, block)))
+        });
         scope.in_order(blocks, under_way, &read).try_for_each(|block| -> crate::error::Result<()> {
             let (number, Contents { entries, .. }) = block?;
             for (place, entry) in (0..).zip(entries) {

@@ -154,7 +154,7 @@ fn copied(path: &Path, out: &Path) -> Result<usize, Failed> {
         file.copy_attachment(&input, &attachment)?;
     }
     input.metadata.iter().try_for_each(|record| file.metadata(&record.name, &record.metadata))?;
-    file.finish(&output)?;
+    file.finish(output.declarations())?;
     Ok(through)
 }
 

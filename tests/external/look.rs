@@ -459,7 +459,7 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
         file.copy_attachment(&log, &attachment)?;
     }
     log.metadata.iter().try_for_each(|record| file.metadata(&record.name, &record.metadata))?;
-    Ok(file.finish(&out)?)
+    Ok(file.finish(out.declarations())?)
 }
 
 /// The GeoTIFF's tags lead from a known point's degrees to the pixel that shows it, as a GIS would

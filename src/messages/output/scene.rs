@@ -1,217 +1,106 @@
-//! What stands in the viewers' 3-D panels: a cloud of points and a pose. Both viewers draw these
-//! two by themselves; boxes and planes only one of them.
+//! Serialises point clouds and poses for the viewers' 3-D panels, the two that both viewers draw
+//! without a plug-in.
 
 use nalgebra::Isometry3;
 
-use super::super::descriptor::{FieldType, ProtoType};
+use super::super::header::Header;
 use super::super::writer::{WireFormat, Writer};
-use super::{Header, OutputType, begun};
+use super::encode::{time, with_header_at};
 
-/// A point as the viewers draw it.
+/// A coloured point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScenePoint {
     /// in the frame of the message's header [m]
-    pub at: [f32; 3],
-    /// its colour, sRGB-coded
+    pub position_m: [f32; 3],
+    /// sRGB
     pub rgb: [u8; 3],
 }
 
-/// A cloud of coloured points.
-pub const POINT_CLOUD: OutputType = OutputType {
-    name: "sensor_msgs/msg/PointCloud2",
-    schema: concat!(
-        with_header!(
-            "uint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool \
-             is_bigendian\nuint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n"
-        ),
-        "================================================================================\nMSG: \
-         sensor_msgs/PointField\nstring name\nuint32 offset\nuint8 datatype\nuint32 count\n"
-    ),
-    ros1: None,
-    protobuf: Some(&ProtoType {
-        name: "foxglove.PointCloud",
-        fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 2, FieldType::Text),
-            ("pose", 3, FieldType::Message(&PROTO_POSE)),
-            ("point_stride", 4, FieldType::Fixed32),
-            ("fields", 5, FieldType::Messages(&PACKED_FIELD)),
-            ("data", 6, FieldType::Bytes),
-        ],
-    }),
-};
-
-/// A place and a turn in the frame of its header.
-pub const POSE: OutputType = OutputType {
-    name: "geometry_msgs/msg/PoseStamped",
-    schema: concat!(
-        with_header!("geometry_msgs/Pose pose\n"),
-        "================================================================================\nMSG: \
-         geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-        "================================================================================\nMSG: \
-         geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n",
-        "================================================================================\nMSG: \
-         geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
-    ),
-    ros1: None,
-    protobuf: Some(&ProtoType {
-        name: "foxglove.PoseInFrame",
-        fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 2, FieldType::Text),
-            ("pose", 3, FieldType::Message(&PROTO_POSE)),
-        ],
-    }),
-};
-
-/// Where a frame lies in another.
-pub const TRANSFORM: OutputType = OutputType {
-    name: "tf2_msgs/msg/TFMessage",
-    schema: concat!(
-        "geometry_msgs/TransformStamped[] transforms\n",
-        "================================================================================\nMSG: \
-         geometry_msgs/TransformStamped\nstd_msgs/Header header\nstring \
-         child_frame_id\ngeometry_msgs/Transform transform\n",
-        "================================================================================\nMSG: \
-         std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "================================================================================\nMSG: \
-         builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
-        "================================================================================\nMSG: \
-         geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion \
-         rotation\n",
-        "================================================================================\nMSG: \
-         geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
-        "================================================================================\nMSG: \
-         geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
-    ),
-    ros1: None,
-    protobuf: Some(&ProtoType {
-        name: "foxglove.FrameTransform",
-        fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("parent_frame_id", 2, FieldType::Text),
-            ("child_frame_id", 3, FieldType::Text),
-            ("translation", 4, FieldType::Message(&VECTOR3)),
-            ("rotation", 5, FieldType::Message(&QUATERNION)),
-        ],
-    }),
-};
-
-static PROTO_POSE: ProtoType = ProtoType {
-    name: "foxglove.Pose",
-    fields: &[
-        ("position", 1, FieldType::Message(&VECTOR3)),
-        ("orientation", 2, FieldType::Message(&QUATERNION)),
-    ],
-};
-static VECTOR3: ProtoType = ProtoType {
-    name: "foxglove.Vector3",
-    fields: &[
-        ("x", 1, FieldType::Double),
-        ("y", 2, FieldType::Double),
-        ("z", 3, FieldType::Double),
-    ],
-};
-static QUATERNION: ProtoType = ProtoType {
-    name: "foxglove.Quaternion",
-    fields: &[
-        ("x", 1, FieldType::Double),
-        ("y", 2, FieldType::Double),
-        ("z", 3, FieldType::Double),
-        ("w", 4, FieldType::Double),
-    ],
-};
-static PACKED_FIELD: ProtoType = ProtoType {
-    name: "foxglove.PackedElementField",
-    fields: &[
-        ("name", 1, FieldType::Text),
-        ("offset", 2, FieldType::Fixed32),
-        ("type", 3, FieldType::Enum("NumericType", &NUMERIC_TYPES)),
-    ],
-};
-static NUMERIC_TYPES: [&str; 9] =
-    ["UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"];
-
-/// Place and turn, as protobuf's part of a message.
-fn proto_pose(pose: &Isometry3<f64>) -> Vec<u8> {
-    let part = || Writer::new(WireFormat::Protobuf);
+/// Translation [m] and quaternion, x, y, z, w.
+fn parts(pose: &Isometry3<f64>) -> ([f64; 3], [f64; 4]) {
     let (t, q) = (pose.translation.vector, pose.rotation);
-    // All set, also where they are 0: an absent part is a null to a reader of tables.
-    part()
-        .bytes(&part().f64s(&[t.x, t.y, t.z]).finish())
-        .bytes(&part().f64s(&[q.i, q.j, q.k, q.w]).finish())
+    ([t.x, t.y, t.z], [q.i, q.j, q.k, q.w])
+}
+
+/// A nested protobuf message of numbers. Zeros are written, too: readers of tables show an absent
+/// message as null.
+fn proto_numbers(values: &[f64]) -> Vec<u8> {
+    Writer::new(WireFormat::Protobuf).f64s(values).finish()
+}
+
+/// `foxglove.Pose`
+fn proto_pose(pose: &Isometry3<f64>) -> Vec<u8> {
+    let (position, orientation) = parts(pose);
+    Writer::new(WireFormat::Protobuf)
+        .bytes(&proto_numbers(&position))
+        .bytes(&proto_numbers(&orientation))
         .finish()
 }
 
-/// `PoseStamped`, in the space of the header's frame.
+/// `PoseStamped`, in the frame of the header.
 pub fn pose(wire: WireFormat, header: &Header, pose: &Isometry3<f64>) -> Vec<u8> {
-    let (t, q) = (pose.translation.vector, pose.rotation);
-    let headed = begun(wire, header, 2);
+    let message = with_header_at(wire, header, 2);
     match wire {
-        WireFormat::Protobuf => headed.bytes(&proto_pose(pose)).finish(),
+        WireFormat::Protobuf => message.bytes(&proto_pose(pose)).finish(),
         WireFormat::Cdr | WireFormat::Ros1 => {
-            headed.f64s(&[t.x, t.y, t.z, q.i, q.j, q.k, q.w]).finish()
+            let (position, orientation) = parts(pose);
+            message.f64s(&position).f64s(&orientation).finish()
         }
     }
 }
 
-/// A transform from the frame `child` to the header's: where the child lies in it.
+/// The pose of the frame `child` in the frame of the header.
 pub fn transform(wire: WireFormat, header: &Header, child: &str, pose: &Isometry3<f64>) -> Vec<u8> {
-    let (t, q) = (pose.translation.vector, pose.rotation);
-    let (place, turn) = ([t.x, t.y, t.z], [q.i, q.j, q.k, q.w]);
+    let (translation, rotation) = parts(pose);
     if wire == WireFormat::Protobuf {
-        let part = |values: &[f64]| Writer::new(wire).f64s(values).finish();
-        return begun(wire, header, 2)
+        return with_header_at(wire, header, 2)
             .text(child)
-            .bytes(&part(&place))
-            .bytes(&part(&turn))
+            .bytes(&proto_numbers(&translation))
+            .bytes(&proto_numbers(&rotation))
             .finish();
     }
-    let (sec, nanosec) = super::time(header.stamp.unwrap_or_default());
+    let (sec, nanosec) = time(header.stamp.unwrap_or_default());
     Writer::new(wire)
         .u32(1)
         .header(sec, nanosec, &header.frame_id)
         .text(child)
-        .f64s(&place)
-        .f64s(&turn)
+        .f64s(&translation)
+        .f64s(&rotation)
         .finish()
 }
 
-/// `PointCloud2`: x, y, z [m] and a colour, 20 bytes a point. The colour stands twice: as `rgb`,
-/// where ROS's tools and Foxglove look for it, and as `colors`, where rerun does. In Foxglove's own
-/// type it is four fields of 16 bytes in all, which both read.
+/// `PointCloud2`: x, y, z [m] and a colour, 20 bytes per point. The colour is written twice: as
+/// `rgb` for ROS's tools and Foxglove, and as `colors` for rerun. Foxglove's own type has four
+/// colour fields, 16 bytes per point, which both viewers read.
 pub fn point_cloud(wire: WireFormat, header: &Header, points: &[ScenePoint]) -> Vec<u8> {
     let is_protobuf = wire == WireFormat::Protobuf;
     let step = if is_protobuf { 16 } else { 20 };
     let mut data = Vec::with_capacity(points.len() * step as usize);
-    for ScenePoint { at, rgb: [r, g, b] } in points {
-        at.iter().for_each(|v| data.extend(v.to_le_bytes()));
+    for ScenePoint { position_m, rgb: [r, g, b] } in points {
+        position_m.iter().for_each(|v| data.extend(v.to_le_bytes()));
         match is_protobuf {
             true => data.extend([*r, *g, *b, 255]),
             false => data.extend([*b, *g, *r, 0, 255, *b, *g, *r]),
         }
     }
-    let headed = begun(wire, header, 2);
+    let message = with_header_at(wire, header, 2);
     if is_protobuf {
+        let (float32, uint8) = (7, 1);
         let fields = [
-            ("x", 0, 7),
-            ("y", 4, 7),
-            ("z", 8, 7),
-            ("red", 12, 1),
-            ("green", 13, 1),
-            ("blue", 14, 1),
-            ("alpha", 15, 1),
+            ("x", 0, float32),
+            ("y", 4, float32),
+            ("z", 8, float32),
+            ("red", 12, uint8),
+            ("green", 13, uint8),
+            ("blue", 14, uint8),
+            ("alpha", 15, uint8),
         ];
-        let sized = headed.bytes(&proto_pose(&Isometry3::identity())).fixed32(step);
+        let message = message.bytes(&proto_pose(&Isometry3::identity())).fixed32(step);
         let field = |(name, offset, kind): (&str, u32, u8)| {
             Writer::new(wire).text(name).fixed32(offset).u8(kind).finish()
         };
-        return fields
-            .into_iter()
-            .fold(sized, |w, f| w.at(5).bytes(&field(f)))
-            .at(6)
-            .bytes(&data)
-            .finish();
+        let message = fields.into_iter().fold(message, |w, f| w.at(5).bytes(&field(f)));
+        return message.at(6).bytes(&data).finish();
     }
     let (float32, uint32) = (7, 6);
     let fields = [
@@ -221,9 +110,9 @@ pub fn point_cloud(wire: WireFormat, header: &Header, points: &[ScenePoint]) -> 
         ("rgb", 12, uint32),
         ("colors", 16, uint32),
     ];
-    let sized = headed.u32(1).u32(points.len() as u32).u32(fields.len() as u32);
-    let described = fields
+    let message = message.u32(1).u32(points.len() as u32).u32(fields.len() as u32);
+    let message = fields
         .into_iter()
-        .fold(sized, |w, (name, offset, kind)| w.text(name).u32(offset).u8(kind).u32(1));
-    described.u8(0).u32(step).u32(data.len() as u32).bytes(&data).u8(1).finish()
+        .fold(message, |w, (name, offset, kind)| w.text(name).u32(offset).u8(kind).u32(1));
+    message.u8(0).u32(step).u32(data.len() as u32).bytes(&data).u8(1).finish()
 }

@@ -1,5 +1,5 @@
-//! A block of a log: a chunk, or messages that lie in a row outside of any. It is read whole,
-//! decompressed and checked when it is asked for, on whichever core, and forgotten.
+//! A block of a log: a chunk, or consecutive messages outside of chunks. Blocks are read,
+//! decompressed and verified independently of each other, so that threads share the work.
 
 use std::io::{self, Read as _};
 use std::ops::Range;
@@ -7,70 +7,80 @@ use std::sync::Arc;
 
 use mcap::records::{Record, op};
 
-use super::lengths::lengths_fit;
-use super::walk::RECORD_HEAD;
-use super::{Damage, Entry, Message, Recording, Window};
+use super::super::source::Source;
+use super::message::Message;
+use super::records::{ChunkHeader, RECORD_HEADER, lengths_fit};
+use super::types::{Damage, Window};
 
-/// Where messages lie, and what is known of them without reading them.
+/// Position of a block in the file, and its properties known without reading it.
 #[derive(Clone, Debug)]
 pub struct Block {
-    /// a chunk's body, or bare records with their heads
-    place: Range<u64>,
+    /// a chunk's body, or message records with their headers [byte]
+    range: Range<u64>,
     kind: Kind,
-    /// first and last log time [ns]; (0, 0) where not known
+    /// first and last log time [ns]; (0, 0) where unknown
     times: (u64, u64),
-    /// of which channels there are messages, by its index; none where there is no index
-    pub(super) channels: Vec<u16>,
-    /// what it takes in memory [byte], by its own word
-    weight: u64,
+    /// ids of channels that have messages in it; empty where it has no index
+    channels: Vec<u16>,
+    /// as claimed by the chunk [byte]
+    memory: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    Chunk { whole: bool, checked: bool },
+    Chunk { is_whole: bool, has_checksum: bool },
     Bare,
 }
 
 impl Block {
-    pub(super) fn chunk(body: Range<u64>, whole: bool, head: &ChunkHead) -> Self {
-        let checked = head.crc != 0;
-        let unpacked = if head.compression.is_empty() { 0 } else { head.uncompressed_size };
-        let weight = (body.end - body.start).saturating_add(unpacked);
+    pub(super) fn chunk(body: Range<u64>, is_whole: bool, header: &ChunkHeader) -> Self {
+        let is_compressed = !header.compression.is_empty();
+        let unpacked = if is_compressed { header.uncompressed_size } else { 0 };
         Self {
-            place: body,
-            kind: Kind::Chunk { whole, checked },
-            times: (head.start, head.end),
+            memory: (body.end - body.start).saturating_add(unpacked),
+            range: body,
+            kind: Kind::Chunk { is_whole, has_checksum: header.crc != 0 },
+            times: (header.start, header.end),
             channels: Vec::new(),
-            weight,
         }
     }
 
-    pub(super) fn bare(records: Range<u64>, log_time: u64, channel: u16) -> Self {
-        let weight = records.end - records.start;
+    /// A message record outside of chunks.
+    pub(super) fn bare(record: Range<u64>, log_time: u64, channel: u16) -> Self {
         Self {
-            place: records,
+            memory: record.end - record.start,
+            range: record,
             kind: Kind::Bare,
             times: (log_time, log_time),
             channels: vec![channel],
-            weight,
         }
     }
 
-    /// Whether a bare record belongs to this block: it follows it, and the two are not too long
-    /// together.
-    pub(super) fn takes(&self, record: &Range<u64>, most: u64) -> bool {
-        self.kind == Kind::Bare
-            && self.place.end == record.start
-            && record.end - self.place.start <= most
-    }
-
-    pub(super) fn extend(&mut self, end: u64, log_time: u64, channel: u16) {
-        self.place.end = end;
-        self.weight = end - self.place.start;
+    /// Adds a message record outside of chunks, if it follows this block and the two together are
+    /// no longer than `max` [byte]. Returns whether it was added.
+    pub(super) fn extend(
+        &mut self,
+        record: &Range<u64>,
+        log_time: u64,
+        channel: u16,
+        max: u64,
+    ) -> bool {
+        let size = record.end - self.range.start;
+        if self.kind != Kind::Bare || self.range.end != record.start || size > max {
+            return false;
+        }
+        self.range.end = record.end;
+        self.memory = size;
         self.times = (self.times.0.min(log_time), self.times.1.max(log_time));
         if !self.channels.contains(&channel) {
             self.channels.push(channel);
         }
+        true
+    }
+
+    /// Adds a channel of the message index.
+    pub(super) fn add_channel(&mut self, id: u16) {
+        self.channels.push(id);
     }
 
     /// Whether it is a chunk.
@@ -79,16 +89,16 @@ impl Block {
     }
 
     /// Whether it is a chunk with a checksum.
-    pub fn is_checked(&self) -> bool {
-        matches!(self.kind, Kind::Chunk { checked: true, .. })
+    pub fn has_checksum(&self) -> bool {
+        matches!(self.kind, Kind::Chunk { has_checksum: true, .. })
     }
 
-    /// What it takes in memory, packed and unpacked, by its own word [byte].
-    pub fn weight(&self) -> usize {
-        usize::try_from(self.weight).unwrap_or(usize::MAX)
+    /// Memory needed to read it, packed and unpacked, as claimed by the chunk [byte].
+    pub fn memory_bytes(&self) -> usize {
+        usize::try_from(self.memory).unwrap_or(usize::MAX)
     }
 
-    /// Channels it has messages of; `None` where only reading it tells.
+    /// Ids of the channels that have messages in it; `None` where only reading it reveals them.
     pub fn channels(&self) -> Option<&[u16]> {
         (!self.channels.is_empty()).then_some(&self.channels)
     }
@@ -96,251 +106,188 @@ impl Block {
     /// Whether a message may lie in the window.
     pub fn may_overlap(&self, window: Window) -> bool {
         let (start, end) = self.times;
-        let whole = !matches!(self.kind, Kind::Chunk { whole: false, .. });
-        let known = whole && end >= start && end > 0;
-        !known || !(end < window.start || (start >= window.end && window.end != u64::MAX))
+        let is_whole = !matches!(self.kind, Kind::Chunk { is_whole: false, .. });
+        let is_known = is_whole && end >= start && end > 0;
+        !is_known || window.overlaps(self.times)
+    }
+
+    /// Reads, decompresses and verifies the block.
+    pub(super) fn read(&self, source: &Source, window: Window) -> io::Result<Contents> {
+        match self.kind {
+            Kind::Bare => {
+                let buffer = Arc::new(source.bytes(self.range.clone())?);
+                Ok(parse_records(&buffer, 0..buffer.len(), window).contents)
+            }
+            Kind::Chunk { is_whole, .. } => {
+                let record = self.range.start - RECORD_HEADER as u64..self.range.end;
+                Ok(parse_chunk(source.bytes(record)?, self.range.start, is_whole, window))
+            }
+        }
     }
 }
 
-/// What a block holds.
+/// A message, or damage in its place.
+pub enum Entry {
+    /// in the window
+    Message(Message),
+    /// part of the block that cannot be read
+    Damaged(Damage),
+}
+
+/// Contents of a block.
 #[derive(Default)]
 pub struct Contents {
-    /// messages in the window, and what could not be read, in the order of the file
+    /// messages in the window and damage, in the order of the file
     pub entries: Vec<Entry>,
-    /// schemas and channels that are declared inside
+    /// schemas and channels declared inside
     pub(super) declared: Vec<Record<'static>>,
-    /// the chunk as it lies in the file, where it holds all that its head says, nothing else, and
-    /// all of it in the window
+    /// the chunk as in the file, if it is undamaged, consistent with its header, and entirely
+    /// inside the window
     pub chunk: Option<RawChunk>,
 }
 
-/// A chunk as it lies in a file.
+/// A chunk as in the file.
 pub struct RawChunk {
-    /// its record, with the record's head
+    /// with the record's header
     pub record: Arc<Vec<u8>>,
-    /// compression
+    /// `zstd`, `lz4`, or empty for none
     pub compression: String,
-    /// size of what it holds [byte]
+    /// [byte]
     pub uncompressed_size: u64,
     /// first and last log time [ns]; (0, 0) without messages
     pub times: (u64, u64),
-    /// channel, log time [ns] and place of every message in what it holds [byte]
+    /// channel id, log time [ns] and offset in the uncompressed records [byte] of every message
     pub messages: Vec<(u16, u64, u64)>,
 }
 
-impl Recording {
-    /// Reads a block: messages whose log time lies in the window, and what is wrong with it.
-    ///
-    /// # Errors
-    /// The file cannot be read.
-    pub fn read(&self, block: &Block, window: Window) -> crate::error::Result<Contents> {
-        self.contents(block, window).map_err(|source| self.failed(source))
-    }
-
-    pub(super) fn contents(&self, block: &Block, window: Window) -> io::Result<Contents> {
-        let Kind::Chunk { whole, .. } = block.kind else {
-            let buffer = Arc::new(self.source.bytes(block.place.clone())?);
-            return Ok(records(&buffer, 0..buffer.len(), window).contents);
-        };
-        let body = block.place.clone();
-        let record = self.source.bytes(body.start - RECORD_HEAD..body.end)?;
-        let Some(head) = chunk_head(&record[RECORD_HEAD as usize..]) else {
-            return Ok(Contents::default());
-        };
-        let ChunkHead { start, end, uncompressed_size: size, crc, compression, data } = head;
-        let damage = |reason: String| {
-            Entry::Damaged(Damage { offset: body.start, start_ns: start, end_ns: end, reason })
-        };
-        let data = data.start + RECORD_HEAD as usize..data.end + RECORD_HEAD as usize;
-        let ends = data.end == record.len();
-        // What lies uncompressed is used where it lies.
-        let record = Arc::new(record);
-        let (buffer, place, problem) = if compression.is_empty() {
-            (Arc::clone(&record), data, None)
-        } else {
-            match decompressed(&compression, size, &record[data]) {
-                Ok((unpacked, problem)) => {
-                    let place = 0..unpacked.len();
-                    (Arc::new(unpacked), place, problem)
-                }
-                Err(reason) => {
-                    return Ok(Contents { entries: vec![damage(reason)], ..Contents::default() });
-                }
+/// Parses a chunk record, which may be truncated unless `is_whole`. `offset` is that of its body.
+fn parse_chunk(record: Vec<u8>, offset: u64, is_whole: bool, window: Window) -> Contents {
+    let Some(header) = ChunkHeader::parse(&record[RECORD_HEADER..]) else {
+        return Contents::default();
+    };
+    let ChunkHeader { start, end, uncompressed_size, crc, compression, data } = header;
+    let damage = |reason| Entry::Damaged(Damage { offset, start_ns: start, end_ns: end, reason });
+    let damaged = |reason| Contents { entries: vec![damage(reason)], ..Contents::default() };
+    let data = data.start + RECORD_HEADER..data.end + RECORD_HEADER;
+    let has_no_trailer = data.end == record.len();
+    let record = Arc::new(record);
+    // Uncompressed records are used in place.
+    let (buffer, range, problem) = if compression.is_empty() {
+        (Arc::clone(&record), data, None)
+    } else {
+        match decompress(&compression, uncompressed_size, &record[data]) {
+            Ok((unpacked, problem)) => {
+                let range = 0..unpacked.len();
+                (Arc::new(unpacked), range, problem)
             }
+            Err(reason) => return damaged(reason),
+        }
+    };
+    // A truncated chunk cannot be verified.
+    if is_whole && crc != 0 {
+        let reason = match &problem {
+            Some(problem) => Some(format!("its checksum cannot be verified: {problem}")),
+            None if crc32fast::hash(&buffer[range.clone()]) != crc => {
+                Some("its checksum is wrong".into())
+            }
+            None => None,
         };
-        // The tail of a file that was cut short cannot be checked; a whole chunk with a checksum
-        // can, and must hold it.
-        if whole
-            && crc != 0
-            && (problem.is_some() || crc32fast::hash(&buffer[place.clone()]) != crc)
-        {
-            let reason = problem.map_or_else(
-                || "its checksum does not hold".into(),
-                |p| format!("its checksum cannot hold: {p}"),
-            );
-            return Ok(Contents {
-                entries: vec![damage(format!("a damaged chunk is left out: {reason}"))],
-                ..Contents::default()
-            });
+        if let Some(reason) = reason {
+            return damaged(format!("a damaged chunk is left out: {reason}"));
         }
-        let Walked { mut contents, index, times, left_out, broken } =
-            records(&buffer, place.clone(), window);
-        // Without messages it says nothing that is not declared before it.
-        let is_sound = whole
-            && !index.is_empty()
-            && ends
-            && problem.is_none()
-            && broken.is_none()
-            && !left_out
-            && place.len() as u64 == size;
-        if is_sound
-            && times == (start, end)
-            && contents.declared.iter().all(|record| self.declares(record))
-        {
-            contents.chunk = Some(RawChunk {
-                record,
-                compression,
-                uncompressed_size: size,
-                times,
-                messages: index,
-            });
-        }
-        // A chunk of a file that was cut short is already listed once; a whole one that breaks is
-        // listed here.
-        if whole && let Some(reason) = problem.or(broken.map(String::from)) {
-            contents.entries.push(damage(reason));
-        }
-        Ok(contents)
     }
+    let size = range.len() as u64;
+    let Parsed { mut contents, index, times, is_partial, problem: parse_problem } =
+        parse_records(&buffer, range, window);
+    // A chunk without messages is not copied: its declarations are repeated anyway.
+    if is_whole
+        && has_no_trailer
+        && problem.is_none()
+        && parse_problem.is_none()
+        && !is_partial
+        && size == uncompressed_size
+        && !index.is_empty()
+        && times == (start, end)
+    {
+        contents.chunk =
+            Some(RawChunk { record, compression, uncompressed_size, times, messages: index });
+    }
+    // The truncation of a file is reported once, by its index.
+    if is_whole && let Some(reason) = problem.or(parse_problem.map(String::from)) {
+        contents.entries.push(damage(reason));
+    }
+    contents
 }
 
-/// What a walk over records gives.
+/// Records of a block.
 #[derive(Default)]
-struct Walked {
+struct Parsed {
     contents: Contents,
-    /// as in [`RawChunk::messages`]
+    /// as [`RawChunk::messages`]
     index: Vec<(u16, u64, u64)>,
     times: (u64, u64),
-    /// something is not in the contents: a message outside of the window, a declaration that cannot
-    /// be read
-    left_out: bool,
-    broken: Option<&'static str>,
+    /// the contents lack a message outside of the window, or a declaration that cannot be read
+    is_partial: bool,
+    problem: Option<&'static str>,
 }
 
-/// Takes records apart that lie in a buffer.
-fn records(buffer: &Arc<Vec<u8>>, place: Range<usize>, window: Window) -> Walked {
-    let mut walked = Walked { times: (u64::MAX, 0), ..Walked::default() };
-    let head = RECORD_HEAD as usize;
-    let mut at = place.start;
-    while at < place.end {
-        let record = buffer.get(at..at + head).filter(|_| at + head <= place.end);
-        let length =
-            record.map(|h| u64::from_le_bytes([h[1], h[2], h[3], h[4], h[5], h[6], h[7], h[8]]));
-        let stop = length
-            .and_then(|l| usize::try_from(l).ok())
-            .and_then(|l| (at + head).checked_add(l))
-            .filter(|s| *s <= place.end);
-        let (Some(record), Some(stop)) = (record, stop) else {
-            walked.broken = Some("a chunk ends inside a record; what came before it is used");
-            break;
-        };
-        let body = at + head..stop;
-        match record[0] {
+impl Parsed {
+    /// Adds a record: its opcode, its body in the buffer, and its offset among the records.
+    fn add(
+        &mut self,
+        opcode: u8,
+        buffer: &Arc<Vec<u8>>,
+        body: Range<usize>,
+        offset: u64,
+        window: Window,
+    ) {
+        match opcode {
             op::MESSAGE => match Message::parse(buffer, body) {
                 Some(message) if window.contains(message.log_time) => {
-                    walked.index.push((
-                        message.channel,
-                        message.log_time,
-                        (at - place.start) as u64,
-                    ));
-                    walked.times = (
-                        walked.times.0.min(message.log_time),
-                        walked.times.1.max(message.log_time),
-                    );
-                    walked.contents.entries.push(Entry::Message(message));
+                    let time = message.log_time;
+                    self.index.push((message.channel, time, offset));
+                    self.times = (self.times.0.min(time), self.times.1.max(time));
+                    self.contents.entries.push(Entry::Message(message));
                 }
-                _ => walked.left_out = true,
+                _ => self.is_partial = true,
             },
-            opcode @ (op::SCHEMA | op::CHANNEL) => {
+            op::SCHEMA | op::CHANNEL => {
                 let body = &buffer[body];
                 match lengths_fit(opcode, body).then(|| mcap::parse_record(opcode, body)) {
-                    Some(Ok(record)) => walked.contents.declared.push(record.into_owned()),
-                    _ => walked.left_out = true,
+                    Some(Ok(record)) => self.contents.declared.push(record.into_owned()),
+                    _ => self.is_partial = true,
                 }
             }
             _ => {}
         }
-        at = stop;
     }
-    if walked.index.is_empty() {
-        walked.times = (0, 0);
+}
+
+fn parse_records(buffer: &Arc<Vec<u8>>, range: Range<usize>, window: Window) -> Parsed {
+    let mut parsed = Parsed { times: (u64::MAX, 0), ..Parsed::default() };
+    let mut at = range.start;
+    while at < range.end {
+        let body = at + RECORD_HEADER;
+        let header = buffer.get(at..body).filter(|_| body <= range.end);
+        let end = header.and_then(|header| {
+            let length = u64::from_le_bytes(*header[1..].first_chunk()?);
+            body.checked_add(usize::try_from(length).ok()?).filter(|end| *end <= range.end)
+        });
+        let (Some(header), Some(end)) = (header, end) else {
+            parsed.problem = Some("a chunk ends inside a record; the records before it are used");
+            break;
+        };
+        parsed.add(header[0], buffer, body..end, (at - range.start) as u64, window);
+        at = end;
     }
-    walked
+    if parsed.index.is_empty() {
+        parsed.times = (0, 0);
+    }
+    parsed
 }
 
-/// Bytes before the payload of a message's record.
-pub const MESSAGE_HEAD: usize = 22;
-
-/// A number in a record's body.
-pub fn u64_at(body: &[u8], at: usize) -> Option<u64> {
-    Some(u64::from_le_bytes(body.get(at..at.checked_add(8)?)?.try_into().ok()?))
-}
-
-fn u32_at(body: &[u8], at: usize) -> Option<u32> {
-    Some(u32::from_le_bytes(body.get(at..at.checked_add(4)?)?.try_into().ok()?))
-}
-
-/// A text with its length before it, and where it ends.
-pub fn sized_text(body: &[u8], at: usize) -> Option<(String, usize)> {
-    let end = at.checked_add(4)?.checked_add(u32_at(body, at)? as usize)?;
-    Some((std::str::from_utf8(body.get(at + 4..end)?).ok()?.to_string(), end))
-}
-
-/// What stands before a message's payload.
-pub struct MessageHead {
-    pub channel: u16,
-    pub sequence: u32,
-    pub log_time: u64,
-    pub publish_time: u64,
-}
-
-/// The head of a message's record body.
-pub fn message_head(body: &[u8]) -> Option<MessageHead> {
-    Some(MessageHead {
-        channel: u16::from_le_bytes(body.get(0..2)?.try_into().ok()?),
-        sequence: u32_at(body, 2)?,
-        log_time: u64_at(body, 6)?,
-        publish_time: u64_at(body, 14)?,
-    })
-}
-
-/// What stands before a chunk's records.
-pub struct ChunkHead {
-    pub start: u64,
-    pub end: u64,
-    pub uncompressed_size: u64,
-    pub crc: u32,
-    pub compression: String,
-    /// where in the body the records lie, as far as the body goes
-    pub data: Range<usize>,
-}
-
-/// The head of a chunk's record body, of which no more than that need be there.
-pub fn chunk_head(body: &[u8]) -> Option<ChunkHead> {
-    let (compression, at) = sized_text(body, 28)?;
-    let size = usize::try_from(u64_at(body, at)?).unwrap_or(usize::MAX);
-    Some(ChunkHead {
-        start: u64_at(body, 0)?,
-        end: u64_at(body, 8)?,
-        uncompressed_size: u64_at(body, 16)?,
-        crc: u32_at(body, 24)?,
-        compression,
-        data: at + 8..(at + 8).saturating_add(size).min(body.len()),
-    })
-}
-
-/// A chunk's records. What broke, if something did, comes beside as much as could be had.
-fn decompressed(
+/// The records of a chunk. A problem in the middle is returned beside the bytes before it.
+fn decompress(
     compression: &str,
     size: u64,
     compressed: &[u8],
@@ -354,13 +301,14 @@ fn decompressed(
             lz4::Decoder::new(compressed)
                 .map_err(|e| format!("an lz4 chunk cannot be opened: {e}"))?,
         ),
-        other => return Err(format!("chunk compression {other:?} is not read")),
+        other => return Err(format!("chunk compression {other:?} is not supported")),
     };
-    // The size is the chunk's own word: it bounds the reading but nothing is reserved on its
-    // account alone.
+    // The claimed size limits the reading; it is not trusted for the allocation.
     let mut data = Vec::with_capacity(usize::try_from(size).unwrap_or(0).min(64 << 20));
     let problem = match reader.take(size).read_to_end(&mut data) {
-        Ok(_) if (data.len() as u64) < size => Some("a chunk holds less than it says".into()),
+        Ok(_) if (data.len() as u64) < size => {
+            Some("a chunk is smaller than its header says".into())
+        }
         Ok(_) => None,
         Err(e) => Some(format!("a chunk cannot be decompressed to its end ({e})")),
     };

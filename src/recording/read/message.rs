@@ -3,43 +3,41 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::records::{MESSAGE_HEADER, MessageHeader};
 use crate::units::Stamp;
 
-use super::block::{MESSAGE_HEAD, message_head};
-
-/// A message; its bytes belong to the block they were read with.
+/// A message. Its payload is shared with the block it was read with.
 #[derive(Clone)]
 pub struct Message {
-    /// id
+    /// channel id
     pub channel: u16,
-    /// number
+    /// 0 where the recorder does not number messages
     pub sequence: u32,
     /// when it was recorded [ns]
     pub log_time: u64,
     /// when it was published [ns]
     pub publish_time: u64,
     buffer: Arc<Vec<u8>>,
-    range: Range<usize>,
+    payload: Range<usize>,
 }
 
 impl Message {
-    /// A message from the body of its record, which lies so in the buffer.
+    /// From a message record, whose body is this range of the buffer.
     pub(super) fn parse(buffer: &Arc<Vec<u8>>, body: Range<usize>) -> Option<Self> {
-        let head = message_head(buffer.get(body.clone())?)?;
-        let range = body.start + MESSAGE_HEAD..body.end;
+        let header = MessageHeader::parse(buffer.get(body.clone())?)?;
         Some(Self {
-            channel: head.channel,
-            sequence: head.sequence,
-            log_time: head.log_time,
-            publish_time: head.publish_time,
+            channel: header.channel,
+            sequence: header.sequence,
+            log_time: header.log_time,
+            publish_time: header.publish_time,
             buffer: Arc::clone(buffer),
-            range,
+            payload: body.start + MESSAGE_HEADER..body.end,
         })
     }
 
     /// The payload.
     pub fn data(&self) -> &[u8] {
-        self.buffer.get(self.range.clone()).unwrap_or_default()
+        self.buffer.get(self.payload.clone()).unwrap_or_default()
     }
 
     /// The log time as a stamp.
@@ -47,9 +45,9 @@ impl Message {
         Stamp(i64::try_from(self.log_time).unwrap_or(i64::MAX))
     }
 
-    /// The same without its payload, so that the block it was read with can go.
+    /// The same message without its payload; this releases the block.
     #[must_use]
     pub fn without_data(self) -> Self {
-        Self { buffer: Arc::default(), range: 0..0, ..self }
+        Self { buffer: Arc::default(), payload: 0..0, ..self }
     }
 }

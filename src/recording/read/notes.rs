@@ -1,18 +1,18 @@
-//! Diagnostics of a log as a file: what is unusual without being damage.
+//! Diagnostics of a log as a file: unusual properties that are not damage.
 
 use std::collections::BTreeMap;
 
-use super::Recording;
+use super::recording::Recording;
 use crate::diagnostics::{Diagnostic, LogFact};
 
 impl Recording {
-    /// What is unusual without being damage: for `inspect`.
+    /// Unusual properties that are not damage, for `inspect`.
     pub fn diagnostics(&self) -> Vec<Diagnostic> {
         let mut diagnostics: Vec<Diagnostic> = Vec::new();
         if self.bare_messages > 0 {
             diagnostics.push(LogFact::OutsideChunks { messages: self.bare_messages }.into());
         }
-        let chunks = self.blocks.iter().filter(|b| b.is_chunk() && !b.is_checked()).count();
+        let chunks = self.blocks().iter().filter(|b| b.is_chunk() && !b.has_checksum()).count();
         if chunks > 0 {
             diagnostics.push(LogFact::WithoutChecksum { chunks, of: self.chunk_count() }.into());
         }

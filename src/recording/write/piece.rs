@@ -1,5 +1,4 @@
-//! What the output is made of, in order: each piece becomes bytes on whichever core, and is written
-//! when its turn comes.
+//! The parts of the output. Each piece is serialised on any thread and written in its turn.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write as _};
@@ -8,119 +7,99 @@ use std::sync::Arc;
 use mcap::records::op;
 
 use super::super::read::RawChunk;
-use super::records::{RecordBytes, message_index};
+use super::records::{self, MessageHeader, RECORD_HEADER, RecordBuilder, message_index};
 use crate::config::Compression;
 
-/// A piece of the output that waits for its turn.
+/// A part of the output.
 pub struct Piece(Kind);
 
 enum Kind {
     /// declarations
-    Bare(Vec<u8>),
-    /// a chunk of the input as it is
-    Packed(RawChunk),
-    /// a chunk of our own
-    Open(OpenChunk, Compression),
+    Records(Vec<u8>),
+    /// a chunk of the input
+    Copied(RawChunk),
+    New(ChunkBuilder, Compression),
 }
 
-/// A chunk that is filled.
+/// Channel id, log time [ns] and offset [byte] of every message of a chunk.
+type Messages = Vec<(u16, u64, u64)>;
+
+/// A chunk being filled.
 #[derive(Default)]
-pub struct OpenChunk {
-    /// its records
-    pub records: Vec<u8>,
-    /// channel, log time [ns] and place [byte] of every message
-    pub messages: Vec<(u16, u64, u64)>,
-    /// how much of it is in pictures that are compressed already [byte]
-    pub picture_bytes: usize,
-    /// whether it holds messages of the input
+pub struct ChunkBuilder {
+    records: Vec<u8>,
+    messages: Messages,
+    /// size of messages with compressed images [byte]
+    image_bytes: usize,
+    /// whether it has messages of the input
     pub holds_input: bool,
 }
 
-/// The bytes of a piece.
+/// A serialised piece.
 pub struct PieceBytes {
     pub(super) parts: Vec<Arc<Vec<u8>>>,
-    /// their checksum, to be joined with those of other pieces
+    /// checksum of the parts, to be combined with those of other pieces
     pub(super) hash: crc32fast::Hasher,
     pub(super) chunk: Option<ChunkFacts>,
 }
 
-/// What the summary says of a chunk.
+/// Summary of a chunk.
 pub struct ChunkFacts {
     /// first and last log time [ns]
     pub times: (u64, u64),
-    /// its record [byte]
+    /// of the record [byte]
     pub length: u64,
-    /// channel, where its index begins behind the chunk [byte], messages
+    /// channel id, offset of its index after the chunk [byte], number of messages
     pub channels: Vec<(u16, u64, u64)>,
-    /// all indexes [byte]
+    /// of all indexes [byte]
     pub index_length: u64,
     pub compression: String,
+    /// [byte]
     pub compressed_size: u64,
+    /// [byte]
     pub uncompressed_size: u64,
 }
 
 impl Piece {
-    pub(super) fn bare(records: Vec<u8>) -> Self {
-        Self(Kind::Bare(records))
+    pub(super) fn records(records: Vec<u8>) -> Self {
+        Self(Kind::Records(records))
     }
 
-    pub(super) fn packed(chunk: RawChunk) -> Self {
-        Self(Kind::Packed(chunk))
+    pub(super) fn copied(chunk: RawChunk) -> Self {
+        Self(Kind::Copied(chunk))
     }
 
-    pub(super) fn open(chunk: OpenChunk, compression: Compression) -> Self {
-        Self(Kind::Open(chunk, compression))
+    pub(super) fn new_chunk(chunk: ChunkBuilder, compression: Compression) -> Self {
+        Self(Kind::New(chunk, compression))
     }
 
-    /// What it takes in memory [byte].
-    pub fn weight(&self) -> usize {
+    /// Size in memory [byte].
+    pub fn memory_bytes(&self) -> usize {
         match &self.0 {
-            Kind::Bare(records) => records.len(),
-            Kind::Packed(chunk) => chunk.record.len(),
-            Kind::Open(chunk, _) => chunk.records.len(),
+            Kind::Records(records) => records.len(),
+            Kind::Copied(chunk) => chunk.record.len(),
+            Kind::New(chunk, _) => chunk.len(),
         }
     }
 
-    /// Compresses it and makes its indexes and checksums.
+    /// Serialises the piece: compresses it, and computes its indexes and checksums.
     ///
     /// # Errors
     /// The compressor fails.
     pub fn into_bytes(self) -> io::Result<PieceBytes> {
-        let (mut parts, facts, messages) = match self.0 {
-            Kind::Bare(records) => (vec![Arc::new(records)], None, Vec::new()),
-            Kind::Packed(RawChunk { record, compression, uncompressed_size, times, messages }) => {
-                // Before the compressed records: the record's head, five numbers, and the name of
-                // the compression.
-                let head = 9 + 8 + 8 + 8 + 4 + 4 + compression.len() + 8;
-                let (length, compressed_size) =
-                    (record.len() as u64, record.len().saturating_sub(head) as u64);
-                let facts = ChunkFacts {
-                    times,
-                    length,
-                    channels: Vec::new(),
-                    index_length: 0,
-                    compression,
-                    compressed_size,
-                    uncompressed_size,
-                };
-                (vec![record], Some(facts), messages)
+        let (mut parts, chunk) = match self.0 {
+            Kind::Records(records) => (vec![Arc::new(records)], None),
+            Kind::Copied(chunk) => {
+                let (part, facts, messages) = copied(chunk);
+                (vec![part], Some((facts, messages)))
             }
-            Kind::Open(chunk, compression) => {
-                let (parts, facts, messages) = chunk.packed(compression)?;
-                (parts, Some(facts), messages)
+            Kind::New(chunk, compression) => {
+                let (parts, facts, messages) = chunk.compressed(compression)?;
+                (parts, Some((facts, messages)))
             }
         };
-        let chunk = facts.map(|mut facts| {
-            let mut by_channel: BTreeMap<u16, Vec<(u64, u64)>> = BTreeMap::new();
-            for (channel, time, place) in messages {
-                by_channel.entry(channel).or_default().push((time, place));
-            }
-            let mut index = Vec::new();
-            for (channel, messages) in by_channel {
-                facts.channels.push((channel, index.len() as u64, messages.len() as u64));
-                index.extend(message_index(channel, &messages));
-            }
-            facts.index_length = index.len() as u64;
+        let chunk = chunk.map(|(facts, messages)| {
+            let (facts, index) = indexed(facts, messages);
             parts.push(Arc::new(index));
             facts
         });
@@ -130,20 +109,73 @@ impl Piece {
     }
 }
 
-type Parts = Vec<Arc<Vec<u8>>>;
-type Messages = Vec<(u16, u64, u64)>;
+/// The record of a copied chunk.
+fn copied(chunk: RawChunk) -> (Arc<Vec<u8>>, ChunkFacts, Messages) {
+    let RawChunk { record, compression, uncompressed_size, times, messages } = chunk;
+    // Fields of the body before the compressed records: five numbers, and the compression.
+    let header = RECORD_HEADER + 8 + 8 + 8 + 4 + 4 + compression.len() + 8;
+    let facts = ChunkFacts {
+        times,
+        length: record.len() as u64,
+        channels: Vec::new(),
+        index_length: 0,
+        compression,
+        compressed_size: record.len().saturating_sub(header) as u64,
+        uncompressed_size,
+    };
+    (record, facts, messages)
+}
 
-impl OpenChunk {
-    /// Its record in parts: head and compressed records.
-    fn packed(self, compression: Compression) -> io::Result<(Parts, ChunkFacts, Messages)> {
-        let size = self.records.len() as u64;
+/// The message indexes of a chunk.
+fn indexed(mut facts: ChunkFacts, messages: Messages) -> (ChunkFacts, Vec<u8>) {
+    let mut by_channel: BTreeMap<u16, Vec<(u64, u64)>> = BTreeMap::new();
+    for (channel, time, offset) in messages {
+        by_channel.entry(channel).or_default().push((time, offset));
+    }
+    let mut index = Vec::new();
+    for (channel, messages) in by_channel {
+        facts.channels.push((channel, index.len() as u64, messages.len() as u64));
+        index.extend(message_index(channel, &messages));
+    }
+    facts.index_length = index.len() as u64;
+    (facts, index)
+}
+
+impl ChunkBuilder {
+    /// Size of its records [byte].
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.messages.is_empty()
+    }
+
+    /// Adds a message.
+    pub fn push(&mut self, header: &MessageHeader, data: &[u8]) {
+        self.messages.push((header.channel, header.log_time, self.records.len() as u64));
+        let head = records::message(header, data.len());
+        self.records.reserve(head.len() + data.len());
+        self.records.extend_from_slice(&head);
+        self.records.extend_from_slice(data);
+        if has_compressed_image(data) {
+            self.image_bytes += data.len();
+        }
+    }
+
+    /// The chunk record in two parts: the fields before the records, and the compressed records.
+    fn compressed(
+        self,
+        compression: Compression,
+    ) -> io::Result<(Vec<Arc<Vec<u8>>>, ChunkFacts, Messages)> {
+        let uncompressed_size = self.records.len() as u64;
         let crc = crc32fast::hash(&self.records);
         let times = self.messages.iter().map(|m| m.1);
         let times = (times.clone().min().unwrap_or(0), times.max().unwrap_or(0));
-        // JPEG, PNG and WebP are compressed already: doing it again costs time and gains nothing.
-        let mostly_pictures = self.picture_bytes * 2 > self.records.len();
+        // JPEG, PNG and WebP are compressed already: a second time takes time and saves nothing.
+        let is_mostly_images = self.image_bytes * 2 > self.records.len();
         let (name, data) = match compression {
-            Compression::Auto if mostly_pictures => ("", self.records),
+            Compression::Auto if is_mostly_images => ("", self.records),
             Compression::Auto | Compression::Zstd => {
                 ("zstd", zstd::bulk::compress(&self.records, LEVEL)?)
             }
@@ -151,21 +183,21 @@ impl OpenChunk {
                 let mut encoder =
                     lz4::EncoderBuilder::new().level(LEVEL as u32).build(Vec::new())?;
                 encoder.write_all(&self.records)?;
-                let (data, ended) = encoder.finish();
-                ended?;
+                let (data, finished) = encoder.finish();
+                finished?;
                 ("lz4", data)
             }
             Compression::None => ("", self.records),
         };
         let compressed_size = data.len() as u64;
-        let head = RecordBytes::new(op::CHUNK)
+        let head = RecordBuilder::new(op::CHUNK)
             .u64(times.0)
             .u64(times.1)
-            .u64(size)
+            .u64(uncompressed_size)
             .u32(crc)
             .text(name)
-            .u64(compressed_size);
-        let head = head.done_before(compressed_size);
+            .u64(compressed_size)
+            .finish_before(compressed_size);
         let facts = ChunkFacts {
             times,
             length: head.len() as u64 + compressed_size,
@@ -173,26 +205,25 @@ impl OpenChunk {
             index_length: 0,
             compression: name.into(),
             compressed_size,
-            uncompressed_size: size,
+            uncompressed_size,
         };
         Ok((vec![Arc::new(head), Arc::new(data)], facts, self.messages))
     }
 }
 
-/// Compression level: the quickest that compresses.
+/// Compression level, the fastest.
 const LEVEL: i32 = 1;
 
-/// Whether a message carries a JPEG, PNG or WebP file. It begins near the message's own beginning,
-/// behind its header.
-pub fn carries_picture(data: &[u8]) -> bool {
-    const LOOK: usize = 512;
-    const LEAST: usize = 4096;
-    let near = &data[..data.len().min(LOOK)];
-    let has = |magic: &[u8]| near.windows(magic.len()).any(|w| w == magic);
-    data.len() >= LEAST
+/// Whether a message holds a JPEG, PNG or WebP file, which begins shortly after its header.
+fn has_compressed_image(data: &[u8]) -> bool {
+    const MAX_OFFSET: usize = 512;
+    const MIN_SIZE: usize = 4096;
+    let start = &data[..data.len().min(MAX_OFFSET)];
+    let has = |magic: &[u8]| start.windows(magic.len()).any(|w| w == magic);
+    data.len() >= MIN_SIZE
         && (has(&[0xff, 0xd8, 0xff])
             || has(b"\x89PNG\r\n\x1a\n")
-            || near.windows(12).any(|w| w.starts_with(b"RIFF") && w.ends_with(b"WEBP")))
+            || start.windows(12).any(|w| w.starts_with(b"RIFF") && w.ends_with(b"WEBP")))
 }
 
 #[cfg(test)]
@@ -200,15 +231,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pictures_are_known_by_their_bytes() {
+    fn compressed_images_are_recognised_by_their_magic() {
         let message = |magic: &[u8]| [&[7; 40], magic, &[1; 8192]].concat();
         for magic in [&b"\xff\xd8\xff\xe0"[..], b"\x89PNG\r\n\x1a\n", b"RIFF\x10\x20\x00\x00WEBP"] {
-            assert!(carries_picture(&message(magic)));
+            assert!(has_compressed_image(&message(magic)));
         }
         assert!(
-            !carries_picture(&message(b"RIFF\x10\x20\x00\x00WAVE"))
-                && !carries_picture(&message(b""))
-                && !carries_picture(b"\xff\xd8\xff")
+            !has_compressed_image(&message(b"RIFF\x10\x20\x00\x00WAVE"))
+                && !has_compressed_image(&message(b""))
+                && !has_compressed_image(b"\xff\xd8\xff")
         );
     }
 }

@@ -12,7 +12,7 @@ use crate::image::decode::{self, CameraResponse};
 use crate::image::noise::Noise;
 use crate::image::transfer::SrgbTable;
 use crate::image::{Container, ImageShape, encode};
-use crate::messages::output::{self, OutputSchema, OutputType};
+use crate::messages::output::{self, OutputSchema, OutputType, RawImage};
 use crate::messages::writer::WireFormat;
 use crate::messages::{Header, Kind, header};
 use crate::model::{ImagingModel, ModelFile};
@@ -314,15 +314,9 @@ impl OfCamera<'_> {
                 } else {
                     Cow::Borrowed(samples)
                 };
-                output::image(
-                    self.wire,
-                    header,
-                    width,
-                    height,
-                    encoding,
-                    samples.len() / height.max(1),
-                    &samples,
-                )
+                let step = samples.len() / height.max(1);
+                let raw = RawImage { width, height, encoding, step, data: &samples };
+                output::image(self.wire, header, &raw)
             }
         })
     }

@@ -126,7 +126,7 @@ impl OfCamera<'_> {
                     (u.round() as usize).min(image.width - 1),
                     (v.round() as usize).min(image.height - 1),
                 );
-                Some(ScenePoint { at: [hit.x as f32, hit.y as f32, hit.z as f32], rgb })
+                Some(ScenePoint { position_m: [hit.x as f32, hit.y as f32, hit.z as f32], rgb })
             })
             .collect();
         output::point_cloud(self.wire, header, &points)
@@ -182,7 +182,10 @@ impl OfCamera<'_> {
             points.extend((0..=BEAM_STEPS).map(|i| {
                 let at = optical_from_body
                     * Point3::from(from + along * (reach_m * f64::from(i) / f64::from(BEAM_STEPS)));
-                ScenePoint { at: [at.x as f32, at.y as f32, at.z as f32], rgb: [255, 214, 64] }
+                ScenePoint {
+                    position_m: [at.x as f32, at.y as f32, at.z as f32],
+                    rgb: [255, 214, 64],
+                }
             }));
         }
         output::point_cloud(self.wire, header, &points)

@@ -1,0 +1,169 @@
+//! The order of the output's pieces, with its schemas and channels.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+
+use super::super::read::{Channel, Declarations, Message, RawChunk, Schema};
+use super::file::OutputFile;
+use super::piece::{ChunkBuilder, Piece};
+use super::records::{self, MessageHeader};
+use crate::config::{Compression, OutputConfig};
+use crate::error::{Error, Result};
+
+/// A channel added to those of the input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct NewChannel(u16);
+
+/// The contents of the output, a queue of pieces.
+pub struct Output {
+    compression: Compression,
+    /// uncompressed [byte]
+    chunk_size: usize,
+    declarations: Declarations,
+    /// next sequence number of added channels
+    sequences: BTreeMap<u16, u32>,
+    open: ChunkBuilder,
+    pieces: VecDeque<Piece>,
+}
+
+impl Output {
+    /// An empty output, and its temporary file beside `target`.
+    ///
+    /// # Errors
+    /// The file cannot be created.
+    pub fn create(
+        target: &Path,
+        profile: &str,
+        config: &OutputConfig,
+    ) -> Result<(Self, OutputFile)> {
+        let output = Self {
+            compression: config.compression,
+            chunk_size: usize::try_from(config.chunk_size_mib << 20).unwrap_or(usize::MAX),
+            declarations: Declarations::default(),
+            sequences: BTreeMap::new(),
+            open: ChunkBuilder::default(),
+            pieces: VecDeque::new(),
+        };
+        Ok((output, OutputFile::create(target, profile)?))
+    }
+
+    /// Schemas and channels so far.
+    pub fn declarations(&self) -> &Declarations {
+        &self.declarations
+    }
+
+    /// Copies a schema with its id. Declarations precede the chunks, for readers that do not seek.
+    pub fn copy_schema(&mut self, id: u16, schema: &Schema) {
+        self.pieces.push_back(Piece::records(records::schema(id, schema)));
+        self.declarations.schemas.insert(id, schema.clone());
+    }
+
+    /// Copies a channel with its id.
+    pub fn copy_channel(&mut self, id: u16, channel: &Channel) {
+        if self.declarations.channels.insert(id, channel.clone()).is_none() {
+            self.pieces.push_back(Piece::records(records::channel(id, channel)));
+        }
+    }
+
+    /// Adds a channel under an unused id.
+    ///
+    /// # Errors
+    /// All ids of schemas or channels are in use.
+    pub fn add_channel(
+        &mut self,
+        topic: &str,
+        message_encoding: &str,
+        schema: &Schema,
+    ) -> Result<NewChannel> {
+        let full = |what: &str| {
+            Error::Usage(format!(
+                "the log has as many {what} as MCAP can number; leave some out with --only"
+            ))
+        };
+        let known = self.declarations.schemas.iter().find(|(_, s)| *s == schema).map(|(id, _)| *id);
+        let schema_id = match known {
+            Some(id) => id,
+            None => {
+                let id = free_id(&self.declarations.schemas).ok_or_else(|| full("schemas"))?;
+                self.copy_schema(id, schema);
+                id
+            }
+        };
+        let id = free_id(&self.declarations.channels).ok_or_else(|| full("channels"))?;
+        self.copy_channel(
+            id,
+            &Channel {
+                schema_id,
+                topic: topic.into(),
+                message_encoding: message_encoding.into(),
+                metadata: BTreeMap::new(),
+            },
+        );
+        Ok(NewChannel(id))
+    }
+
+    /// Whether a chunk of the input has the configured compression, so that it can be copied.
+    pub fn can_copy(compression: Compression, chunk: &RawChunk) -> bool {
+        match compression {
+            Compression::Auto => true,
+            Compression::Zstd => chunk.compression == "zstd",
+            Compression::Lz4 => chunk.compression == "lz4",
+            Compression::None => chunk.compression.is_empty(),
+        }
+    }
+
+    /// Copies a chunk as it is, with all its messages.
+    pub fn copy_chunk(&mut self, chunk: RawChunk) {
+        // Messages of the input keep their order; added ones may follow later.
+        if self.open.holds_input {
+            self.flush();
+        }
+        self.pieces.push_back(Piece::copied(chunk));
+    }
+
+    /// Copies a message byte for byte.
+    pub fn copy_message(&mut self, message: &Message) {
+        self.open.holds_input = true;
+        let header = MessageHeader {
+            channel: message.channel,
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        self.push(&header, message.data());
+    }
+
+    /// Adds a message with the next sequence number of its channel.
+    pub fn write(&mut self, channel: NewChannel, log_time: u64, publish_time: u64, data: &[u8]) {
+        let next = self.sequences.entry(channel.0).or_default();
+        let header = MessageHeader { channel: channel.0, sequence: *next, log_time, publish_time };
+        *next = next.wrapping_add(1);
+        self.push(&header, data);
+    }
+
+    fn push(&mut self, header: &MessageHeader, data: &[u8]) {
+        self.open.push(header, data);
+        if self.open.len() >= self.chunk_size {
+            self.flush();
+        }
+    }
+
+    /// Closes the open chunk.
+    pub fn flush(&mut self) {
+        let chunk = std::mem::take(&mut self.open);
+        if !chunk.is_empty() {
+            self.pieces.push_back(Piece::new_chunk(chunk, self.compression));
+        }
+    }
+
+    /// The next complete piece.
+    pub fn next_piece(&mut self) -> Option<Piece> {
+        self.pieces.pop_front()
+    }
+}
+
+/// An unused id: after the last one, else in a gap. 0 means no schema.
+fn free_id<T>(used: &BTreeMap<u16, T>) -> Option<u16> {
+    let next = used.last_key_value().map_or(Some(1), |(last, _)| last.checked_add(1));
+    next.or_else(|| (1..=u16::MAX).find(|id| !used.contains_key(id)))
+}
