@@ -1,11 +1,11 @@
-//! What can go wrong, worded with the remedy.
+//! Errors, with their remedies.
 
 use std::path::PathBuf;
 
-/// Why a command could not be carried out. A *frame* that cannot be corrected is no error: it
-/// passes through and is counted.
+/// Failure of a command. A *frame* that cannot be corrected is not an error: it is copied
+/// uncorrected and counted.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)] // the sentences say it
+#[allow(missing_docs)] // the messages describe them
 pub enum Error {
     #[error("cannot read {path}: {source}")]
     Read { path: PathBuf, source: std::io::Error },
@@ -15,7 +15,7 @@ pub enum Error {
     WriteRecord { path: PathBuf, reason: String },
     #[error("{path} is not an MCAP file{hint}")]
     NotMcap { path: PathBuf, hint: &'static str },
-    #[error("{path} holds no message that can be read{detail}")]
+    #[error("{path} has no readable message{detail}")]
     Empty { path: PathBuf, detail: String },
     #[error("the output is the input itself ({path}); give another name with -o")]
     OutputIsInput { path: PathBuf },
@@ -24,25 +24,28 @@ pub enum Error {
     #[error("{what} in {path}: {reason}")]
     BadFile { path: PathBuf, what: &'static str, reason: String },
     #[error(
-        "the log has no camera images that can be read; it has {seen}. unwater needs pictures \
+        "the log has no camera images that can be read; it has {seen}. unwater needs images \
          shaped like sensor_msgs/Image, sensor_msgs/CompressedImage, foxglove.RawImage or \
          foxglove.CompressedImage, in CDR, ROS 1, protobuf or JSON"
     )]
     NoCamera { seen: String },
     #[error(
-        "{topic} holds {codec} video, not pictures, and a picture of it needs those before it; \
-         turn it into pictures first: `python3 examples/video_to_pictures.py IN.mcap OUT.mcap`, \
-         or in ROS 2 replay it through `ros2 run image_transport republish` (from ffmpeg or \
-         foxglove, to compressed) and record it anew"
+        "{topic} is {codec} video, which is not supported; convert it to images first: `python3 \
+         examples/video_to_pictures.py IN.mcap OUT.mcap`, or in ROS 2 replay it through `ros2 run \
+         image_transport republish` (from ffmpeg or foxglove, to compressed) and record it again"
     )]
     Video { topic: String, codec: String },
-    #[error("the log has {} cameras: {}; say which with --camera TOPIC", topics.len(), topics.join(", "))]
+    #[error(
+        "the log has {} cameras: {}; select one with --camera TOPIC",
+        topics.len(),
+        topics.join(", ")
+    )]
     SeveralCameras { topics: Vec<String> },
     #[error("there is no {what} on topic {topic:?}; the log has {seen}")]
     NoSuchTopic { what: &'static str, topic: String, seen: String },
     #[error(
-        "the log has no DVL or altimeter that can be read; it has {seen}. unwater needs ranges to \
-         the seafloor: name their topic with --dvl TOPIC"
+        "the log has no readable DVL or altimeter; it has {seen}. unwater needs ranges to the \
+         seafloor: name their topic with --dvl TOPIC"
     )]
     NoRanges { seen: String },
     #[error(
@@ -52,13 +55,13 @@ pub enum Error {
     )]
     NoCalibration { topic: String },
     #[error(
-        "where the {what} sits is not known: no transform joins its frame {frame:?} to the \
-         camera's frame {camera_frame:?} in the log's TF tree; write it into a rig file: `unwater \
-         init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml"
+        "the extrinsics of the {what} are unknown: no transform connects its frame {frame:?} to \
+         the camera's frame {camera_frame:?} in the log's TF tree; write them into a rig file: \
+         `unwater init IN.mcap -o rig.toml`, fill in [{section}.mount], then add --rig rig.toml"
     )]
     NoMount { what: &'static str, frame: String, camera_frame: String, section: &'static str },
     #[error("{0}")]
-    Picture(String),
+    Image(String),
     #[error("{0}")]
     Rig(String),
     #[error("{0}")]
@@ -67,5 +70,5 @@ pub enum Error {
     NotEstimated { reason: String, remedy: String },
 }
 
-/// What every fallible function of the library returns.
+/// Result of the library's fallible functions.
 pub type Result<T> = std::result::Result<T, Error>;

@@ -86,7 +86,7 @@ pub fn mosaic(log: &CorrectedLog, asked: &Asked, options: &Options) -> Result<Mo
     let mut words = Vec::new();
     let frames = chosen_frames(&corrected, camera, options.window.is_some(), &mut words);
     if frames.is_empty() {
-        return Err(Error::Picture("no corrected frame lies in this stretch of the log".into()));
+        return Err(Error::Image("no corrected frame lies in this stretch of the log".into()));
     }
     let places = Places::read(&log.recording, window);
     let (mut laid, is_level_known) =
@@ -239,7 +239,7 @@ fn lay(
                       ground with an attitude, and no two neighbouring frames that show the same \
                       points"
             .to_string();
-        return Err(Error::Picture(reason));
+        return Err(Error::Image(reason));
     }
     if laid.len() < frames.len() {
         words.push(format!(

@@ -175,7 +175,7 @@ pub fn sheet(
     let Some(own) = looked.iter().position(|l| l.frame.index == index) else {
         let why = "cannot be decoded, or has no floor below it; `unwater inspect` says more, and \
                    another frame may do";
-        return Err(Error::Picture(format!("frame {index} of {} {why}", input.display())));
+        return Err(Error::Image(format!("frame {index} of {} {why}", input.display())));
     };
     let here = looked.remove(own);
     let pairs = overlapping(&bench, &here, &looked);

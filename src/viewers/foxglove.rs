@@ -1,10 +1,10 @@
-//! A layout file of Foxglove and Lichtblick: panels with their settings, and a tree of splits.
+//! A layout file for Foxglove and Lichtblick: the settings of the panels, and a tree of splits.
 
 use serde_json::{Value, json};
 
 use super::{CameraTopics, bands};
 
-/// Panels by their ids, while the tree is built.
+/// Settings of the panels, by id.
 #[derive(Default)]
 struct Panels {
     configs: serde_json::Map<String, Value>,
@@ -51,10 +51,9 @@ fn of_camera(camera: &CameraTopics, panels: &mut Panels) -> Value {
             )
         })
     };
-    let pictures =
-        [image(panels, &camera.raw, "raw"), image(panels, &camera.corrected, "corrected")];
+    let images = [image(panels, &camera.raw, "raw"), image(panels, &camera.corrected, "corrected")];
     let scene = camera.cloud.as_ref().map(|_| panels.add("3D", scene(camera)));
-    let top = row([row(pictures, 50), scene], 66);
+    let top = row([row(images, 50), scene], 66);
 
     let plot = |panels: &mut Panels, title: &str, paths: Vec<Value>| {
         (!paths.is_empty()).then(|| panels.add("Plot", plot(title, &paths)))
@@ -82,7 +81,7 @@ fn of_camera(camera: &CameraTopics, panels: &mut Panels) -> Value {
     column([top, bottom], 62).unwrap_or(Value::Null)
 }
 
-/// The seafloor with the picture on it, the strobe and its beam, in the seafloor's frame: z up.
+/// Corrected image on the seafloor, strobe and beam, in the seafloor's frame (z up).
 fn scene(camera: &CameraTopics) -> Value {
     let mut topics = serde_json::Map::new();
     let mut show = |topic: &Option<String>, settings: Value| {
@@ -98,18 +97,24 @@ fn scene(camera: &CameraTopics) -> Value {
     json!({
         "foxglovePanelTitle": "seafloor",
         "cameraState": {
-            "perspective": true, "distance": 7, "phi": 62, "thetaOffset": 30, "targetOffset": [0, 0, 0.8],
-            "target": [0, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.05, "far": 500,
+            "perspective": true, "distance": 7, "phi": 62, "thetaOffset": 30,
+            "targetOffset": [0, 0, 0.8], "target": [0, 0, 0], "targetOrientation": [0, 0, 0, 1],
+            "fovy": 45, "near": 0.05, "far": 500,
         },
         "followMode": "follow-pose",
         "followTf": camera.seafloor_frame,
-        "scene": { "transforms": { "axisScale": 0.3, "showLabel": false, "lineWidth": 1, "lineColor": "#8a8a8a60" } },
+        "scene": {
+            "transforms": {
+                "axisScale": 0.3, "showLabel": false, "lineWidth": 1, "lineColor": "#8a8a8a60",
+            },
+        },
         "transforms": {},
         "topics": topics,
         "layers": {
             "grid": {
-                "visible": true, "frameLocked": true, "label": "Grid", "instanceId": "grid", "layerId": "foxglove.Grid",
-                "size": 10, "divisions": 10, "lineWidth": 1, "color": "#24808080", "position": [0, 0, 0], "rotation": [0, 0, 0],
+                "visible": true, "frameLocked": true, "label": "Grid", "instanceId": "grid",
+                "layerId": "foxglove.Grid", "size": 10, "divisions": 10, "lineWidth": 1,
+                "color": "#24808080", "position": [0, 0, 0], "rotation": [0, 0, 0],
             },
         },
         "publish": {},
@@ -128,7 +133,10 @@ fn plot(title: &str, paths: &[Value]) -> Value {
 }
 
 fn series(path: &str, label: &str, colour: &str) -> Value {
-    json!({ "value": path, "label": label, "color": colour, "enabled": true, "timestampMethod": "receiveTime" })
+    json!({
+        "value": path, "label": label, "color": colour, "enabled": true,
+        "timestampMethod": "receiveTime",
+    })
 }
 
 fn row(parts: [Option<Value>; 2], percent: u32) -> Option<Value> {
@@ -139,13 +147,13 @@ fn column(parts: [Option<Value>; 2], percent: u32) -> Option<Value> {
     split("column", parts, percent)
 }
 
-/// Two parts side by side, the first with so much of the room; one alone where the other is
-/// missing.
+/// Two parts beside each other, the first with `percent` of the space; one part alone where the
+/// other is missing.
 fn split(direction: &str, parts: [Option<Value>; 2], percent: u32) -> Option<Value> {
     match parts {
-        [Some(first), Some(second)] => Some(
-            json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second }),
-        ),
+        [Some(first), Some(second)] => Some(json!({
+            "direction": direction, "splitPercentage": percent, "first": first, "second": second,
+        })),
         [one, other] => one.or(other),
     }
 }

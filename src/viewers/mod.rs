@@ -1,9 +1,8 @@
-//! Ready-made views of a corrected log: raw beside corrected, the seafloor in 3-D, plots and the
-//! beam pattern below; as a layout that Foxglove and Lichtblick import, and as a blueprint for
-//! rerun.
+//! Layouts of a corrected log for viewers: raw beside corrected images, the seafloor in 3-D, plots
+//! and the beam pattern below. A layout file for Foxglove and Lichtblick, a blueprint for rerun.
 //!
-//! In: the channels and the `unwater` metadata records of a corrected log. Out: text. Pixels and
-//! messages are not looked at.
+//! Input are the channels and the `unwater` metadata records of a corrected log; output is text.
+//! Messages are not read.
 
 mod foxglove;
 mod rerun;
@@ -13,95 +12,96 @@ pub use rerun::rerun;
 
 use crate::recording::Recording;
 
-/// The topics of one corrected camera; those that the log does not hold are `None`.
+/// The topics of one corrected camera; `None` for those that the log does not have.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraTopics {
-    /// the camera's own topic, as it was recorded
+    /// topic of the recorded images
     pub name: String,
-    /// raw pictures that a viewer can draw: those for the eye, else those of the camera
+    /// raw images that viewers can draw: the preview, else the recorded images
     pub raw: Option<String>,
-    /// corrected pictures
+    /// corrected images
     pub corrected: Option<String>,
-    /// the camera's calibration
+    /// camera calibration
     pub camera_info: Option<String>,
-    /// the beam pattern's picture
+    /// beam pattern as an image
     pub beam_pattern: Option<String>,
-    /// the corrected picture on the seafloor
+    /// point cloud of the seafloor, coloured by the corrected image
     pub cloud: Option<String>,
-    /// the strobe's pose
+    /// pose of the strobe
     pub strobe: Option<String>,
-    /// its beams' axes
+    /// points of the strobe's beam
     pub strobe_beam: Option<String>,
-    /// the name of the seafloor's coordinate frame
+    /// frame id of the seafloor
     pub seafloor_frame: Option<String>,
-    /// bare numbers: red, green, blue [1/m]
+    /// array of numbers, one per band [1/m]
     pub attenuation: Option<String>,
-    /// bare number [m]
+    /// camera altitude [m]
     pub altitude: Option<String>,
-    /// bare number [m]
+    /// residual of the seafloor plane [m]
     pub residual: Option<String>,
-    /// bands of the attenuation
+    /// number of bands
     pub bands: usize,
-    /// lines of text
+    /// log lines
     pub log: Option<String>,
 }
 
-/// The cameras that were corrected, in the order of their records; empty where none was.
+/// The corrected cameras, in the order of their metadata records.
 pub fn cameras(recording: &Recording) -> Vec<CameraTopics> {
     recording
         .metadata
         .iter()
         .filter_map(|record| {
-            let place = record
+            let namespace = record
                 .name
                 .strip_prefix("unwater")
-                .filter(|place| place.is_empty() || place.starts_with('/'))?;
+                .filter(|namespace| namespace.is_empty() || namespace.starts_with('/'))?;
             let fact = |key: &str| record.metadata.get(key).cloned();
             let (camera, corrected) = (fact("camera_topic")?, fact("corrected_topic")?);
-            let held = |topic: String| {
+            let existing = |topic: String| {
                 recording.channels.values().any(|c| c.topic == topic).then_some(topic)
             };
-            let ours = |name: &str| held(format!("/unwater{place}/{name}"));
+            let added = |name: &str| existing(format!("/unwater{namespace}/{name}"));
             Some(CameraTopics {
-                raw: ours("raw/compressed").or_else(|| held(camera.clone())),
-                corrected: held(corrected),
+                raw: added("raw/compressed").or_else(|| existing(camera.clone())),
+                corrected: existing(corrected),
                 camera_info: camera_info_of(recording, &camera),
-                beam_pattern: ours("beam_pattern/picture/compressed"),
-                cloud: ours("seafloor/cloud"),
-                strobe: ours("strobe"),
-                strobe_beam: ours("strobe/beam"),
-                seafloor_frame: ours("seafloor/transform")
-                    .map(|_| format!("unwater{place}/seafloor")),
-                attenuation: ours("plot/attenuation_per_m"),
-                altitude: ours("plot/camera_altitude_m"),
-                residual: ours("plot/seafloor_residual_m"),
-                bands: bands_of(recording, place),
-                log: ours("log"),
+                beam_pattern: added("beam_pattern/picture/compressed"),
+                cloud: added("seafloor/cloud"),
+                strobe: added("strobe"),
+                strobe_beam: added("strobe/beam"),
+                seafloor_frame: added("seafloor/transform")
+                    .map(|_| format!("unwater{namespace}/seafloor")),
+                attenuation: added("plot/attenuation_per_m"),
+                altitude: added("plot/camera_altitude_m"),
+                residual: added("plot/seafloor_residual_m"),
+                bands: bands_of(recording, namespace),
+                log: added("log"),
                 name: camera,
             })
         })
         .collect()
 }
 
-/// The calibration whose topic has most in common with the camera's.
+/// The calibration topic that shares the longest prefix with the camera topic.
 fn camera_info_of(recording: &Recording, camera: &str) -> Option<String> {
     let is_calibration = |schema: u16| {
         recording.schemas.get(&schema).is_some_and(|s| {
             s.name.ends_with("CameraInfo") || s.name.ends_with("CameraCalibration")
         })
     };
-    let alike = |topic: &str| topic.bytes().zip(camera.bytes()).take_while(|(a, b)| a == b).count();
+    let prefix =
+        |topic: &str| topic.bytes().zip(camera.bytes()).take_while(|(a, b)| a == b).count();
     let topics = recording
         .channels
         .values()
         .filter(|c| is_calibration(c.schema_id))
         .map(|c| c.topic.clone());
-    topics.filter(|t| alike(t) > 1).max_by_key(|t| (alike(t), std::cmp::Reverse(t.clone())))
+    topics.filter(|t| prefix(t) > 1).max_by_key(|t| (prefix(t), std::cmp::Reverse(t.clone())))
 }
 
-/// How many bands a camera's model has; three where the log does not say.
-fn bands_of(recording: &Recording, place: &str) -> usize {
-    let name = format!("{place}/model.json");
+/// Number of bands of a camera's model; three where the log has no model.
+fn bands_of(recording: &Recording, namespace: &str) -> usize {
+    let name = format!("{namespace}/model.json");
     let model = recording
         .attachments()
         .filter_map(Result::ok)
@@ -114,7 +114,7 @@ fn bands_of(recording: &Recording, place: &str) -> usize {
         .unwrap_or(3)
 }
 
-/// Names and colours of bands; a mono camera's one is grey.
+/// Names and colours of the bands; the band of a mono camera is grey.
 fn bands(count: usize) -> &'static [(&'static str, &'static str)] {
     if count == 1 {
         &[("grey", "#9e9e9e")]

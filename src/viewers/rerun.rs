@@ -1,6 +1,6 @@
-//! A script that shows a corrected log in rerun. rerun's blueprints can only be written by its own
-//! library, and one that lies beside a log is not looked at; so this is Python, with the topics on
-//! top and nothing else that differs from log to log.
+//! A Python script that shows a corrected log in rerun. Only rerun's own library writes blueprints,
+//! and rerun does not load one from beside a log. The scripts of two logs differ in their topics
+//! only.
 
 use serde_json::{Value, json};
 
@@ -8,10 +8,10 @@ use super::{CameraTopics, bands};
 
 const SCRIPT: &str = include_str!("rerun.py");
 
-/// The script for a log that lies at `log`, which may also be given on its command line.
+/// The script for the log at path `log`; its command line may name another path.
 pub fn rerun(cameras: &[CameraTopics], log: &str) -> String {
     let views: Vec<Value> = cameras.iter().map(of_camera).collect();
-    // JSON's null is not Python's: the script reads the text.
+    // JSON's null is not Python: the script parses the text.
     let text =
         serde_json::to_string_pretty(&json!({ "log": log, "cameras": views })).unwrap_or_default();
     SCRIPT.replace("@VIEWS@", &text.replace('\\', "\\\\").replace("'''", "\\'\\'\\'"))

@@ -5,6 +5,7 @@
 mod encode;
 mod scene;
 mod schema;
+#[rustfmt::skip] // several fields of a message per line
 mod types;
 
 pub use encode::{

@@ -1,6 +1,9 @@
 //! The written message types, with their schemas in ROS 2, ROS 1 and protobuf.
 
-use super::super::descriptor::{FieldType, ProtoType};
+use super::super::descriptor::FieldType::{
+    Bytes, Double, Doubles, Enum, Fixed32, Message, Messages, Text, Time,
+};
+use super::super::descriptor::ProtoType;
 use super::schema::OutputType;
 
 /// A section of a schema: the definition of a dependency.
@@ -67,10 +70,8 @@ pub const COMPRESSED_IMAGE: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.CompressedImage",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 4, FieldType::Text),
-            ("data", 2, FieldType::Bytes),
-            ("format", 3, FieldType::Text),
+            ("timestamp", 1, Time), ("frame_id", 4, Text), ("data", 2, Bytes),
+            ("format", 3, Text),
         ],
     }),
 };
@@ -86,13 +87,9 @@ pub const IMAGE: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.RawImage",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 7, FieldType::Text),
-            ("width", 2, FieldType::Fixed32),
-            ("height", 3, FieldType::Fixed32),
-            ("encoding", 4, FieldType::Text),
-            ("step", 5, FieldType::Fixed32),
-            ("data", 6, FieldType::Bytes),
+            ("timestamp", 1, Time), ("frame_id", 7, Text), ("width", 2, Fixed32),
+            ("height", 3, Fixed32), ("encoding", 4, Text), ("step", 5, Fixed32),
+            ("data", 6, Bytes),
         ],
     }),
 };
@@ -122,15 +119,9 @@ pub const CAMERA_INFO: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.CameraCalibration",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 9, FieldType::Text),
-            ("width", 2, FieldType::Fixed32),
-            ("height", 3, FieldType::Fixed32),
-            ("distortion_model", 4, FieldType::Text),
-            ("D", 5, FieldType::Doubles),
-            ("K", 6, FieldType::Doubles),
-            ("R", 7, FieldType::Doubles),
-            ("P", 8, FieldType::Doubles),
+            ("timestamp", 1, Time), ("frame_id", 9, Text), ("width", 2, Fixed32),
+            ("height", 3, Fixed32), ("distortion_model", 4, Text), ("D", 5, Doubles),
+            ("K", 6, Doubles), ("R", 7, Doubles), ("P", 8, Doubles),
         ],
     }),
 };
@@ -198,7 +189,7 @@ pub const MULTI_ARRAY: OutputType = OutputType {
     ros1: None,
     protobuf: Some(&ProtoType {
         name: "unwater_msgs.Numbers",
-        fields: &[("label", 1, FieldType::Text), ("data", 2, FieldType::Doubles)],
+        fields: &[("label", 1, Text), ("data", 2, Doubles)],
     }),
 };
 
@@ -224,12 +215,8 @@ pub const LOG: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.Log",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("level", 2, FieldType::Enum("Level", LEVELS)),
-            ("message", 3, FieldType::Text),
-            ("name", 4, FieldType::Text),
-            ("file", 5, FieldType::Text),
-            ("line", 6, FieldType::Fixed32),
+            ("timestamp", 1, Time), ("level", 2, Enum("Level", LEVELS)), ("message", 3, Text),
+            ("name", 4, Text), ("file", 5, Text), ("line", 6, Fixed32),
         ],
     }),
 };
@@ -254,12 +241,9 @@ pub const POINT_CLOUD: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.PointCloud",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 2, FieldType::Text),
-            ("pose", 3, FieldType::Message(&PROTO_POSE)),
-            ("point_stride", 4, FieldType::Fixed32),
-            ("fields", 5, FieldType::Messages(&PACKED_FIELD)),
-            ("data", 6, FieldType::Bytes),
+            ("timestamp", 1, Time), ("frame_id", 2, Text), ("pose", 3, Message(&PROTO_POSE)),
+            ("point_stride", 4, Fixed32), ("fields", 5, Messages(&PACKED_FIELD)),
+            ("data", 6, Bytes),
         ],
     }),
 };
@@ -280,9 +264,7 @@ pub const POSE: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.PoseInFrame",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("frame_id", 2, FieldType::Text),
-            ("pose", 3, FieldType::Message(&PROTO_POSE)),
+            ("timestamp", 1, Time), ("frame_id", 2, Text), ("pose", 3, Message(&PROTO_POSE)),
         ],
     }),
 };
@@ -308,11 +290,8 @@ pub const TRANSFORM: OutputType = OutputType {
     protobuf: Some(&ProtoType {
         name: "foxglove.FrameTransform",
         fields: &[
-            ("timestamp", 1, FieldType::Time),
-            ("parent_frame_id", 2, FieldType::Text),
-            ("child_frame_id", 3, FieldType::Text),
-            ("translation", 4, FieldType::Message(&VECTOR3)),
-            ("rotation", 5, FieldType::Message(&QUATERNION)),
+            ("timestamp", 1, Time), ("parent_frame_id", 2, Text), ("child_frame_id", 3, Text),
+            ("translation", 4, Message(&VECTOR3)), ("rotation", 5, Message(&QUATERNION)),
         ],
     }),
 };
@@ -320,33 +299,26 @@ pub const TRANSFORM: OutputType = OutputType {
 static PROTO_POSE: ProtoType = ProtoType {
     name: "foxglove.Pose",
     fields: &[
-        ("position", 1, FieldType::Message(&VECTOR3)),
-        ("orientation", 2, FieldType::Message(&QUATERNION)),
+        ("position", 1, Message(&VECTOR3)), ("orientation", 2, Message(&QUATERNION)),
     ],
 };
 static VECTOR3: ProtoType = ProtoType {
     name: "foxglove.Vector3",
     fields: &[
-        ("x", 1, FieldType::Double),
-        ("y", 2, FieldType::Double),
-        ("z", 3, FieldType::Double),
+        ("x", 1, Double), ("y", 2, Double), ("z", 3, Double),
     ],
 };
 static QUATERNION: ProtoType = ProtoType {
     name: "foxglove.Quaternion",
     fields: &[
-        ("x", 1, FieldType::Double),
-        ("y", 2, FieldType::Double),
-        ("z", 3, FieldType::Double),
-        ("w", 4, FieldType::Double),
+        ("x", 1, Double), ("y", 2, Double), ("z", 3, Double), ("w", 4, Double),
     ],
 };
 static PACKED_FIELD: ProtoType = ProtoType {
     name: "foxglove.PackedElementField",
     fields: &[
-        ("name", 1, FieldType::Text),
-        ("offset", 2, FieldType::Fixed32),
-        ("type", 3, FieldType::Enum("NumericType", NUMERIC_TYPES)),
+        ("name", 1, Text), ("offset", 2, Fixed32),
+        ("type", 3, Enum("NumericType", NUMERIC_TYPES)),
     ],
 };
 /// `foxglove.PackedElementField.NumericType`, numbered from 0.

@@ -30,7 +30,7 @@ const LEAST_WAY: f64 = 5.0;
 /// The position by the fixes of the log: a shift, and a turn where the world's axes are nobody's.
 pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<Position> {
     let none = || {
-        Error::Picture(
+        Error::Image(
             "the log has no position (sensor_msgs/NavSatFix or the like) near these frames, so \
              the mosaic has no place on Earth; give a name that ends in .png"
                 .into(),
@@ -54,7 +54,7 @@ pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<
         let (first, last) = (pairs[0].1, pairs[pairs.len() - 1].1);
         if rigid.is_none() || (last[0] - first[0]).hypot(last[1] - first[1]) < LEAST_WAY * misfit.1
         {
-            return Err(Error::Picture(
+            return Err(Error::Image(
                 "the log has no heading, and its positions are too close together to tell one; \
                  give a name that ends in .png"
                     .into(),
