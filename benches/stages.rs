@@ -12,7 +12,7 @@ use divan::{Bencher, black_box};
 use unwater::config::{Compression, Config, OutputConfig, RenderConfig, Spreading};
 use unwater::coordinates::{Direction, Transform};
 use unwater::correct::{Correction, Frame, MeanFrames};
-use unwater::estimate::samples;
+use unwater::estimate::sample_frame;
 use unwater::geometry::{SeafloorPlane, Support, View};
 use unwater::image::decode::{CameraResponse, PixelValues, read_pixels};
 use unwater::image::noise::Noise;
@@ -226,7 +226,7 @@ fn keypoints_and_samples(bencher: Bencher) {
         .for_each(|(y, row)| codes.linear_row(y, row));
     let image = SensorImage { light, mosaic: None };
     bencher.counter(pixels()).bench(|| {
-        samples(
+        sample_frame(
             (0, Stamp(0)),
             &image,
             &scene.view(),

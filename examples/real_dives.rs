@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use unwater::config::Method;
-use unwater::estimate::{FrameSamples, Matchable, matches, samples};
+use unwater::estimate::{FrameSamples, Matchable, matches, sample_frame};
 use unwater::geometry::View;
 use unwater::image::decode::{CameraResponse, decode};
 use unwater::image::{LinearImage, SensorImage};
@@ -105,7 +105,7 @@ fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
             View { camera: &camera, rig: &survey.rig, plane: &plane, terrain: terrain.as_ref() };
         Some((
             time,
-            samples(
+            sample_frame(
                 (index, stamp),
                 &image,
                 &view,

@@ -11,9 +11,10 @@
 
 use std::cell::LazyCell;
 
-use super::candidates::completed;
+use super::Dataset;
+use super::angular_bins::completed;
+use super::quality::cross_validation;
 use super::samples::FrameSamples;
-use super::{Dataset, held_out};
 use crate::config::Switch;
 use crate::image::Bands;
 use crate::model::{Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterTable};
@@ -111,8 +112,9 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
     let mut problem = Problem::new(data.tracks, &plain, data.lamps, &sample_path)?;
     let solution = problem.solve(plain.rounds)?;
     let mut fit = problem.fit(&solution);
-    let held_out_by =
-        |setup: &Setup<'_>| held_out::misfits(data.tracks, setup, data.lamps, &sample_path);
+    let held_out_by = |setup: &Setup<'_>| {
+        cross_validation::residuals(data.tracks, setup, data.lamps, &sample_path)
+    };
     let without = LazyCell::new(|| held_out_by(&plain));
     let rays = data.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| data.ray(s)));
     let frustum = Frustum::around(rays);
@@ -140,7 +142,8 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
         if step + 1 == FIRST_STEPS && setup.config.backscatter != Switch::On {
             // The held-out frames come last: they cost a solve.
             let is_likely = exceeds(&problem.answer(&solution, None)?, MIN_DEVIATIONS / 2.0)
-                && held_out::improvement(without.as_ref()?, &predicted()?) > MIN_IMPROVEMENT / 2.0;
+                && cross_validation::improvement(without.as_ref()?, &predicted()?)
+                    > MIN_IMPROVEMENT / 2.0;
             if !is_likely {
                 return None;
             }
@@ -151,7 +154,7 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
         });
         if is_settled || step + 1 == STEPS {
             let answer = problem.answer(&solution, None)?;
-            let improvement = held_out::improvement(without.as_ref()?, &predicted()?);
+            let improvement = cross_validation::improvement(without.as_ref()?, &predicted()?);
             return accepted(data, setup, &answer, improvement, table);
         }
     }

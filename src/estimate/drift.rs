@@ -4,7 +4,8 @@
 //! Each stretch of a dozen frames or more may have its own α; nodes run on smoothly, but
 //! not where the log stops for a while.
 
-use super::{Dataset, held_out};
+use super::Dataset;
+use super::quality::cross_validation;
 use crate::config::Switch;
 use crate::solver::terms::attenuation::TimeGrid;
 use crate::solver::{Setup, sample_path};
@@ -43,14 +44,14 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
     }
     let (lamps, paths) = (data.lamps, &sample_path);
     let steady = Setup { free_strobe: false, segments: None, ..*setup };
-    let without = held_out::misfits(data.tracks, &steady, lamps, paths)?;
-    let with = held_out::misfits(
+    let without = cross_validation::residuals(data.tracks, &steady, lamps, paths)?;
+    let with = cross_validation::residuals(
         data.tracks,
         &Setup { segments: Some(&found.grid), ..steady },
         lamps,
         paths,
     )?;
-    let improvement = held_out::improvement(&without, &with);
+    let improvement = cross_validation::improvement(&without, &with);
     (setup.config.drift == Switch::On || improvement > LEAST_IMPROVEMENT).then_some(found)
 }
 

@@ -6,7 +6,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::keypoints::{Descriptor, Keypoint};
+use super::descriptor::Descriptor;
+use super::keypoints::Keypoint;
 use crate::config::MatchingConfig;
 
 type Homography = [f64; 9];

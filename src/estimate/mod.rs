@@ -1,38 +1,39 @@
 //! Pass one: samples → imaging model (paper §IV-B, IV-C).
 //!
-//! Three estimators of the attenuation stand side by side and all answer where the log allows:
-//! *joint* (the default), the paper's *pairs* (Eq. 16) and *altitude* slope (Fig. 6); the latter
-//! two with the beam pattern from angular bins (Eq. 17), in sweeps: "we also recompute the
-//! attenuation coefficients" (§IV-C). They see samples only, never a picture, so they run in
-//! moments in a test. What pass two does with the model does not live here.
+//! Samples are taken from images once ([`sample_frame`]), matched and joined to [`tracks`]; from
+//! then on only samples count, so that estimators run in moments in a test. The sequence: recorded
+//! exposures and drop-outs are divided out, the strobe is located, backscatter is separated, and
+//! then the estimators of [`methods`] run side by side; [`quality`] tells how far the answer can be
+//! trusted.
 
-mod altitude_slope;
 mod angular_bins;
 mod backscatter;
-mod candidates;
+mod dataset;
+mod descriptor;
 mod drift;
+mod exposure;
 mod frame_gains;
-mod held_out;
 mod keypoints;
-mod light_settings;
 mod matching;
+mod methods;
 mod mount_search;
-mod pairs;
+mod quality;
 mod samples;
 mod strobe_search;
 mod tracks;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
 pub use crate::solver::terms::geometry::PLANES_AROUND_S;
 pub use crate::solver::{Observation, Sample, Track};
 pub use backscatter::BackscatterFit;
-pub use light_settings::FollowedSetting;
+pub use dataset::Dataset;
+pub use exposure::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use mount_search::MountFit;
-pub use samples::{FrameSamples, coarsest_m, samples};
+pub use samples::{FrameSamples, coarsest_m, sample_frame};
 pub use strobe_search::{StrobeFit, StrobePlacement};
 pub use tracks::tracks;
 
@@ -40,297 +41,209 @@ use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
 use crate::coordinates::{Body, Optical, Transform};
 use crate::diagnostics::NotIdentified;
 use crate::error::{Error, Result};
-use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{
-    Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
-};
+use crate::model::{Backscatter, BeamGrid, EstimatorAnswer, ImagingModel, ScatterTable};
 use crate::parallel::{join, par_map};
-use crate::solver::{Independence, Setup};
-use crate::stats;
 use crate::vehicle::Lamps;
-use candidates::{Candidate, EstimatorOf, by_altitude, by_joint_solve, by_pairs, not_identified};
-use drift::DriftFit;
+use methods::{Candidate, Method, altitude, joint, pairs};
 use mount_search::check_mounts;
+use quality::identifiability::not_identified;
+use strobe_search::place_strobe;
 
-/// The light path of an observation, for the strobe mount in hand.
-pub type SamplePath<'f> = dyn Fn(&Observation) -> Option<LightPath> + 'f;
-
-/// What pass one found.
+/// The chosen estimator's model, and all estimators' answers.
 #[derive(Clone, Debug)]
 pub struct Estimate {
     /// the model
     pub model: ImagingModel,
-    /// standard deviation of α [1/m]
+    /// standard deviation of α \[1/m\]
     pub attenuation_std_per_m: Bands,
-    /// which estimator's answer the model holds
+    /// the estimator that the model comes from
     pub estimator: Estimator,
-    /// every estimator's answer, by name
+    /// every estimator's answer
     pub answers: BTreeMap<Estimator, EstimatorAnswer>,
-    /// why the attenuation is not identified, if it is not
+    /// why the attenuation is not identified; `None` where it is
     pub not_identified: Option<NotIdentified>,
-    /// by how much standard deviations of the solve itself are too narrow, as all frames get some
-    /// things wrong alike
-    pub widened: f64,
+    /// largest factor by which common-mode errors widen the standard deviations of the solve
+    pub inflation: f64,
 }
 
-/// Everything known of the log at a stage of the estimation.
-#[derive(Clone, Copy)]
-pub struct Dataset<'s> {
-    /// samples of the frames
-    pub frames: &'s [FrameSamples],
-    /// points seen more than once
-    pub tracks: &'s [Track],
-    /// where the camera sits
+/// Mounts as pass one needs them.
+#[derive(Clone, Copy, Debug)]
+pub struct Mounts {
+    /// the camera's
     pub body_from_optical: Transform<Body, Optical>,
-    /// where the light sits
+    /// the strobe's
     pub lamps: Lamps,
-    /// whether nobody measured that: it came from these samples themselves, or is a guess
-    pub strobe_is_free: bool,
-    /// what the water scatters back, which has been taken off the colours, and the tracks before it
-    /// was
-    pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
-    /// nodes of α in time
-    pub drift: Option<&'s DriftFit>,
-    /// α if what the water scatters back were modelled, where it is there and is not to be [1/m]
-    pub unmodelled_backscatter: Option<Bands>,
+    /// whether the strobe's is measured; a guess otherwise
+    pub strobe_is_measured: bool,
+    /// position of the range instrument in the body \[m\]
+    pub instrument: Vector3<f64>,
 }
 
-impl<'s> Dataset<'s> {
-    fn plain(
-        frames: &'s [FrameSamples],
-        tracks: &'s [Track],
-        body_from_optical: Transform<Body, Optical>,
-        lamps: Lamps,
-    ) -> Self {
-        Self {
-            frames,
-            tracks,
-            body_from_optical,
-            lamps,
-            strobe_is_free: false,
-            backscatter: None,
-            drift: None,
-            unmodelled_backscatter: None,
-        }
-    }
-
-    /// A sample's ray: x/z, y/z in the image plane, and ℓ_s [m].
-    fn ray(&self, sample: &Sample) -> (f64, f64, f64) {
-        let hit = (self.body_from_optical.inverse() * sample.hit).vector();
-        (hit.x / hit.z, hit.y / hit.z, sample.seafloor_to_camera_m)
-    }
-
-    /// Moments of the frames that have pings of their own: frames nearer than [`PINGS_SHARED_S`]
-    /// get the same things wrong.
-    fn moments(&self) -> usize {
-        self.frames
-            .iter()
-            .map(|f| (f.stamp.0 as f64 * 1e-9 / PINGS_SHARED_S) as i64)
-            .collect::<BTreeSet<_>>()
-            .len()
-    }
-
-    /// The joint solve with attenuation and beam pattern as its only unknowns.
-    fn setup<'c>(&self, grid: BeamGrid, config: &'c EstimateConfig) -> Setup<'c> {
-        let spreading = SpreadingModel::of(config.spreading);
-        Setup {
-            independence: Independence { frames: self.frames.len(), moments: self.moments() },
-            bands: self.bands(),
-            grid,
-            spreading,
-            fit_exponent: false,
-            free_strobe: false,
-            scatter: None,
-            segments: None,
-            rounds: config.rounds,
-            config,
-        }
-    }
-
-    fn model(
-        &self,
-        attenuation_per_m: Bands,
-        spreading: SpreadingModel,
-        beam_pattern: BeamPattern,
-        config: &EstimateConfig,
-    ) -> ImagingModel {
-        ImagingModel {
-            bands: self.bands(),
-            attenuation_per_m,
-            over_time: Default::default(),
-            spreading,
-            incidence: config.incidence,
-            beam_pattern,
-            backscatter: self.backscatter.map(|(fit, _)| fit.backscatter),
-        }
-    }
-
-    fn path(&self, o: &Observation) -> Option<LightPath> {
-        self.path_from(o, self.lamps)
-    }
-
-    fn path_from(&self, o: &Observation, lamps: Lamps) -> Option<LightPath> {
-        o.sample.path(lamps)
-    }
-
-    fn bands(&self) -> usize {
-        self.frames.iter().map(|f| f.bands).max().unwrap_or(1)
-    }
-
-    fn altitude_spread(&self) -> f64 {
-        let altitudes: Vec<f64> = self.frames.iter().map(|f| f.camera_altitude_m).collect();
-        stats::quantile(&altitudes, 0.95) / stats::quantile(&altitudes, 0.05)
-    }
-
-    fn altitude_varies(&self, config: &EstimateConfig) -> bool {
-        self.altitude_spread() >= config.least_altitude_spread
-    }
-}
-
-/// All that pass one makes of a log's samples.
-pub struct Understood {
-    /// the model and how sure it is
+/// The result of pass one.
+pub struct ModelEstimate {
+    /// the model and its uncertainty
     pub estimate: Estimate,
-    /// where the light sits
+    /// position of the strobe
     pub strobe: StrobePlacement,
-    /// what the water scatters back
+    /// backscatter
     pub backscatter: Option<BackscatterFit>,
-    /// settings that the frames' light follows
+    /// recorded settings that the frames' light follows
     pub followed: Vec<FollowedSetting>,
     /// per frame: log of its light over its neighbours', 0 but for drop-outs
     pub log_gains: Vec<f64>,
-    /// what fits better than the camera's clock and the instrument's mount as given
+    /// clock and mount of the range instrument that fit better than those given
     pub mounts: Option<MountFit>,
-    /// the samples as the model saw them: evenly lit, freed of what was scattered back
+    /// the samples that the model was estimated from: gains and backscatter removed
     pub frames: Vec<FrameSamples>,
 }
 
-/// Times that strobe and backscatter are sought in turn: each is seen better with the other known.
+/// Times that strobe and backscatter are estimated in turn: each is more certain with the other
+/// known.
 const TURNS: usize = 3;
-/// Frames nearer than this share their pings [s].
-const PINGS_SHARED_S: f64 = 2.5;
+/// A strobe that moves less between turns is final \[m\].
+const SETTLED_M: f64 = 0.01;
 
-/// Samples → model: the strobe is placed, frames lit unevenly are set right, what the water
-/// scatters back is taken off, and then attenuation and beam pattern are estimated. `given` is the
-/// strobe's mount, and whether it was measured; `settings` are what camera and strobe were set to,
-/// each a number per frame; `instrument` is where the range instrument sits in the body [m].
+/// Samples and tracks, owned.
+struct Samples {
+    frames: Vec<FrameSamples>,
+    tracks: Vec<Track>,
+}
+
+impl Samples {
+    fn data(&self, mounts: &Mounts, lamps: Lamps) -> Dataset<'_> {
+        Dataset::plain(&self.frames, &self.tracks, mounts.body_from_optical, lamps)
+    }
+
+    fn remove_gains(&mut self, log_gains: &[f64]) {
+        frame_gains::remove_gains(&mut self.frames, &mut self.tracks, log_gains);
+    }
+}
+
+/// Samples → model. `settings` are recorded settings of camera and strobe, each a number per frame.
 ///
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen estimator, or all, cannot answer.
-pub fn understand(
-    mut frames: Vec<FrameSamples>,
-    mut tracks: Vec<Track>,
-    body_from_optical: Transform<Body, Optical>,
-    given: (Lamps, bool),
+pub fn estimate_model(
+    frames: Vec<FrameSamples>,
+    tracks: Vec<Track>,
+    mounts: &Mounts,
     settings: &[Vec<f64>],
-    instrument: Vector3<f64>,
     config: &EstimateConfig,
-) -> Result<Understood> {
-    let followed = light_settings::followed(&frames, &tracks, settings);
+) -> Result<ModelEstimate> {
+    let mut raw = Samples { frames, tracks };
+    let followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     for setting in &followed {
-        let log_gain = |v: &f64| {
-            setting
-                .law
-                .log_light(*v)
-                .zip(setting.law.log_light(setting.reference))
-                .map_or(0.0, |(v, r)| v - r)
-        };
-        let log_gains: Vec<f64> = settings[setting.index].iter().map(log_gain).collect();
-        frame_gains::remove_gains(&mut frames, &mut tracks, &log_gains);
+        raw.remove_gains(&setting.log_gains(&settings[setting.index]));
     }
-    // Seen from the wrong place a frame at the dive's edge looks as if it had got another light:
-    // the strobe comes first.
-    let placed = |frames: &[FrameSamples], tracks: &[Track]| {
-        strobe_search::place_strobe(
-            &Dataset::plain(frames, tracks, body_from_optical, given.0),
-            given.1,
-            None,
-            config,
-        )
+    // Seen from the wrong position a frame at the dive's edge seems to have got another light: the
+    // strobe comes first.
+    let placed = |samples: &Samples| {
+        let data = samples.data(mounts, mounts.lamps);
+        place_strobe(&data, mounts.strobe_is_measured, None, config)
     };
-    let mut strobe = placed(&frames, &tracks);
-    let log_gains = frame_gains::uneven_light(
-        &Dataset::plain(&frames, &tracks, body_from_optical, strobe.lamps),
-        config,
-    );
+    let mut strobe = placed(&raw);
+    let log_gains = frame_gains::uneven_light(&raw.data(mounts, strobe.lamps), config);
     if log_gains.iter().any(|g| *g != 0.0) {
-        frame_gains::remove_gains(&mut frames, &mut tracks, &log_gains);
-        strobe = placed(&frames, &tracks);
+        raw.remove_gains(&log_gains);
+        strobe = placed(&raw);
     }
+    let can_tell = raw.data(mounts, mounts.lamps).is_informative(config);
+    let Separation { mut strobe, backscatter, direct, unmodelled } =
+        separate_backscatter(&raw, strobe, mounts, config);
+    let direct = direct.unwrap_or_else(|| Samples {
+        frames: std::mem::take(&mut raw.frames),
+        tracks: raw.tracks.clone(),
+    });
+    let data = Dataset {
+        strobe_is_free: strobe.source.is_some() || (!mounts.strobe_is_measured && can_tell),
+        backscatter: backscatter.as_ref().map(|b| (b, raw.tracks.as_slice())),
+        unmodelled_backscatter: unmodelled,
+        ..direct.data(mounts, strobe.lamps)
+    };
+    let estimated = || {
+        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+        let seeks_drift = config.drift != Switch::Off && can_tell;
+        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
+        estimate(&Dataset { drift: drift.as_ref(), ..data }, config)
+    };
+    let (mount_fit, estimate) = join(|| check_mounts(&data, mounts.instrument, config), estimated);
+    let estimate = estimate?;
+    if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
+        search.std_m = search.std_m.map(|std| std * estimate.inflation);
+    }
+    let backscatter = backscatter.map(|mut fit| {
+        fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
+        fit
+    });
+    let frames = direct.frames;
+    Ok(ModelEstimate {
+        estimate,
+        strobe,
+        backscatter,
+        followed,
+        log_gains,
+        mounts: mount_fit,
+        frames,
+    })
+}
 
-    let lit = Dataset::plain(&frames, &tracks, body_from_optical, given.0);
-    let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let can_tell = lit.altitude_varies(config) && tracks.len() >= config.least_pairs;
-    let moves = config.strobe_position != StrobePosition::Fixed
-        && (!given.1 || config.strobe_position != StrobePosition::Auto);
-    let mut backscatter = None;
-    let mut freed: Option<(Vec<FrameSamples>, Vec<Track>)> = None;
-    let mut unmodelled = None;
+/// Strobe and backscatter, estimated in turn.
+struct Separation {
+    strobe: StrobePlacement,
+    backscatter: Option<BackscatterFit>,
+    /// the samples without backscatter
+    direct: Option<Samples>,
+    /// α with backscatter modelled, where the settings exclude it \[1/m\]
+    unmodelled: Option<Bands>,
+}
+
+fn separate_backscatter(
+    raw: &Samples,
+    strobe: StrobePlacement,
+    mounts: &Mounts,
+    config: &EstimateConfig,
+) -> Separation {
+    let given = raw.data(mounts, mounts.lamps);
+    let mut found = Separation { strobe, backscatter: None, direct: None, unmodelled: None };
+    if !given.is_informative(config) {
+        return found;
+    }
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let is_searched = config.strobe_position != StrobePosition::Fixed
+        && (!mounts.strobe_is_measured || config.strobe_position != StrobePosition::Auto);
     for _ in 0..TURNS {
-        if !can_tell {
-            break;
-        }
-        let placed = Dataset { lamps: strobe.lamps, ..lit };
-        let Some(found) = backscatter::find(&placed, &lit.setup(nodes, config)) else {
+        let placed = Dataset { lamps: found.strobe.lamps, ..given };
+        let Some(fit) = backscatter::find(&placed, &given.setup(grid, config)) else {
             // What was found with the strobe elsewhere does not hold where it is now.
-            (backscatter, freed) = (None, None);
+            (found.backscatter, found.direct) = (None, None);
             break;
         };
         if config.backscatter == Switch::Off {
-            unmodelled = Some(found.attenuation_per_m);
+            found.unmodelled = Some(fit.attenuation_per_m);
             break;
         }
-        let off = found.removed_from(&placed);
-        let before = strobe.lamps.origin().vector();
-        let begun = moves.then_some(strobe.lamps);
-        let anew = strobe_search::place_strobe(
-            &Dataset::plain(&off.0, &off.1, body_from_optical, given.0),
-            given.1,
-            begun,
-            config,
-        );
-        // A place that cannot be found once more stays what it was.
-        if anew.source.is_some() || strobe.source.is_none() {
-            strobe = anew;
+        let (frames, tracks) = fit.removed_from(&placed);
+        let direct = Samples { frames, tracks };
+        let before = found.strobe.lamps;
+        let start = is_searched.then_some(before);
+        let data = direct.data(mounts, mounts.lamps);
+        let next = place_strobe(&data, mounts.strobe_is_measured, start, config);
+        // A position that cannot be found again stays what it was.
+        if next.source.is_some() || found.strobe.source.is_none() {
+            found.strobe = next;
         }
-        let moved = (strobe.lamps.origin().vector() - before).norm();
-        (backscatter, freed) = (Some(found), Some(off));
-        if moved < 0.01 {
+        let moved = found.strobe.lamps.origin().vector() - before.origin().vector();
+        (found.backscatter, found.direct) = (Some(fit), Some(direct));
+        if moved.norm() < SETTLED_M {
             break;
         }
     }
-    let raw_tracks = tracks;
-    let (frames, tracks) = freed.unwrap_or_else(|| (frames, raw_tracks.clone()));
-    let mut all = Dataset::plain(&frames, &tracks, body_from_optical, strobe.lamps);
-    (all.strobe_is_free, all.backscatter) = (
-        strobe.source.is_some() || (!given.1 && can_tell),
-        backscatter.as_ref().map(|b| (b, raw_tracks.as_slice())),
-    );
-    all.unmodelled_backscatter = unmodelled;
-    let estimated = || {
-        let drift = if config.drift == Switch::Off || !can_tell {
-            None
-        } else {
-            drift::find(&all, &all.setup(nodes, config))
-        };
-        estimate(&Dataset { drift: drift.as_ref(), ..all }, config)
-    };
-    let (mounts, estimate) = join(|| check_mounts(&all, instrument, config), estimated);
-    let estimate = estimate?;
-    if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
-        search.std_m = search.std_m.map(|std| std * estimate.widened);
-    }
-    let backscatter = backscatter.map(|mut found| {
-        found.backscatter = estimate.model.backscatter.unwrap_or(found.backscatter);
-        found
-    });
-    Ok(Understood { estimate, strobe, backscatter, followed, log_gains, mounts, frames })
+    found
 }
 
-/// Frames as a model that is given takes them: their light set right by `log_gains`, and freed of
-/// what is scattered back.
-pub fn as_modelled(
+/// Frames as a given model needs them: the frames' gains and backscatter removed.
+pub fn samples_for_model(
     mut frames: Vec<FrameSamples>,
     log_gains: &[f64],
     body_from_optical: Transform<Body, Optical>,
@@ -351,22 +264,21 @@ pub fn as_modelled(
 /// # Errors
 /// [`Error::NotEstimated`] where the chosen one, or all, cannot answer.
 fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
-    let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let methods: Vec<(Estimator, Method)> = vec![
+        (Estimator::Joint, joint::estimate),
+        (Estimator::Pairs, pairs::estimate),
+        (Estimator::Altitude, altitude::estimate),
+    ];
     let mut found: BTreeMap<Estimator, Candidate> = BTreeMap::new();
     let mut answers = BTreeMap::new();
-    let estimators: [(Estimator, EstimatorOf); 3] = [
-        (Estimator::Joint, by_joint_solve),
-        (Estimator::Pairs, by_pairs),
-        (Estimator::Altitude, by_altitude),
-    ];
-    let said: Vec<_> = par_map(estimators.to_vec(), |(name, run)| (name, run(data, nodes, config)));
-    for (name, said) in said {
-        match said {
+    for (name, answer) in par_map(methods, |(name, run)| (name, run(data, grid, config))) {
+        match answer {
             Ok(mut candidate) => {
                 // The paper's estimators take the seafloor's own pattern for the beam's: the joint
                 // solve shows by how much.
                 if let Some(joint) = answers.get(&Estimator::Joint) {
-                    candidate.less_sure_by(joint);
+                    candidate.inflate_by(joint);
                 }
                 answers.insert(name, candidate.answer.clone());
                 found.insert(name, candidate);
@@ -380,37 +292,36 @@ fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
         Estimator::Auto => &[Estimator::Joint, Estimator::Pairs, Estimator::Altitude],
         one => std::slice::from_ref(one),
     };
-    let chosen = order.iter().find_map(|name| found.remove_entry(name));
-    let Some((estimator, candidate)) = chosen else {
-        let reason = order
-            .iter()
-            .filter_map(|n| Some(format!("{}: {}", n.word(), answers.get(n)?.note.as_ref()?)))
-            .collect::<Vec<_>>()
-            .join("; ");
-        let remedy = "use a model from another stretch or dive of the same water and strobe: \
-                      --model MODEL.json"
-            .into();
-        return Err(Error::NotEstimated { reason, remedy });
+    let Some((estimator, candidate)) = order.iter().find_map(|name| found.remove_entry(name))
+    else {
+        return Err(no_estimate(order, &answers));
     };
-    // The others know of neither scattered light nor drop-outs, and where points abound the joint
-    // solve fails for a reason.
-    let without_joint = || {
+    // The others model neither backscatter nor drop-outs, and with many tracks the joint solve
+    // fails for a reason.
+    let is_fallback = config.estimator == Estimator::Auto && estimator != Estimator::Joint;
+    let joint_failure = || {
         let joint = answers.get(&Estimator::Joint)?;
-        joint.note.clone().filter(|_| data.tracks.len() >= config.least_pairs)
-    };
-    let stands_in = if config.estimator == Estimator::Auto && estimator != Estimator::Joint {
-        without_joint()
-    } else {
-        None
+        joint.note.clone().filter(|_| is_fallback && data.tracks.len() >= config.least_pairs)
     };
     let not_identified = not_identified(&candidate, data, config)
-        .or(stands_in.map(|reason| NotIdentified::JointFailed { reason }));
+        .or_else(|| joint_failure().map(|reason| NotIdentified::JointFailed { reason }));
     Ok(Estimate {
         model: candidate.model,
         attenuation_std_per_m: candidate.std_per_m,
         estimator,
         answers,
         not_identified,
-        widened: candidate.widened,
+        inflation: candidate.inflation,
     })
+}
+
+/// Why no estimator has an answer.
+fn no_estimate(order: &[Estimator], answers: &BTreeMap<Estimator, EstimatorAnswer>) -> Error {
+    let reason = |n: &Estimator| Some(format!("{}: {}", n.word(), answers.get(n)?.note.as_ref()?));
+    Error::NotEstimated {
+        reason: order.iter().filter_map(reason).collect::<Vec<_>>().join("; "),
+        remedy: "use a model from another part of the dive or from another dive of the same water \
+                 and strobe: --model MODEL.json"
+            .into(),
+    }
 }

@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 
 use super::Dataset;
-use super::candidates::LEAST_FRAMES;
+use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
 use crate::model::BeamGrid;
@@ -78,7 +78,7 @@ pub fn check_mounts(
 ) -> Option<MountFit> {
     let can_tell = data.tracks.len() >= config.least_pairs
         && data.altitude_varies(config)
-        && data.frames.len() >= LEAST_FRAMES;
+        && data.frames.len() >= MIN_FRAMES;
     // Backscatter that is not modelled looks like any tilt.
     if !can_tell || data.unmodelled_backscatter.is_some() {
         return None;

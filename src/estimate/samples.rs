@@ -77,7 +77,7 @@ pub struct FrameSamples {
 
 impl FrameSamples {
     /// Its keypoints are tracks now, and no longer needed: most of what a frame takes.
-    pub fn let_go_of_keypoints(&mut self) {
+    pub fn drop_keypoints(&mut self) {
         (self.keypoints, self.places, self.samples) = Default::default();
     }
 
@@ -131,7 +131,7 @@ pub fn coarsest_m(view: &View<'_>) -> f64 {
 
 /// Takes the samples of one frame; keypoints where the coarsest view of any frame is told
 /// (`coarsest_m`).
-pub fn samples(
+pub fn sample_frame(
     (frame, stamp): (usize, Stamp),
     image: &SensorImage,
     view: &View<'_>,

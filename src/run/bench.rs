@@ -8,7 +8,7 @@ use super::{BEAM_REFINED, BEAM_ROUGHEST, glow_table};
 use crate::config::{Config, Method, WhiteBalance};
 use crate::correct::{Correction, Frame, MeanFrames, estimate_rendering};
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, samples};
+use crate::estimate::{FrameSamples, sample_frame};
 use crate::geometry::{LightPath, SeafloorPlane, Terrain, View};
 use crate::image::decode::{CameraResponse, PixelValues, decode, read_pixels};
 use crate::image::noise::Noise;
@@ -152,7 +152,7 @@ impl Bench {
     /// A frame's samples, with keypoints where they are wanted.
     pub fn samples(&self, frame: &BenchFrame, with_keypoints: bool) -> FrameSamples {
         let of = (frame.index, frame.stamp);
-        samples(
+        sample_frame(
             of,
             &frame.image,
             &self.view(frame),

@@ -15,7 +15,7 @@ use crate::config::{Config, EstimateConfig, Estimator, Method, OutputEncoding};
 use crate::correct::{Correction, MeanFrames};
 use crate::diagnostics::{Diagnostic, LogFact};
 use crate::error::{Error, Result};
-use crate::estimate::as_modelled;
+use crate::estimate::samples_for_model;
 use crate::image::Container;
 use crate::messages::writer::WireFormat;
 use crate::model::{Frustum, ImagingModel, ModelFile, ScatterTable};
@@ -236,7 +236,7 @@ fn make_ready(
                 .collect();
             let veil = imaging_model.backscatter.as_ref().zip(glow.as_ref());
             let frames =
-                as_modelled(collected.frames, &log_gains, rig.body_from_optical, mount, veil);
+                samples_for_model(collected.frames, &log_gains, rig.body_from_optical, mount, veil);
             file.rendering =
                 shown(&frames, &imaging_model, mount, prepared.survey.white_level, &options.config);
             (file, collected.means)

@@ -9,8 +9,8 @@ use crate::correct::estimate_rendering;
 use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
-    BackscatterFit, Estimate, FollowedSetting, FrameSamples, MatchedPair, StrobePlacement, tracks,
-    understand,
+    BackscatterFit, Estimate, FollowedSetting, FrameSamples, MatchedPair, Mounts, StrobePlacement,
+    estimate_model, tracks,
 };
 use crate::geometry::LightPath;
 use crate::image::Bands;
@@ -75,19 +75,16 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
     }
     let config = &options.config;
     let tracks = tracks(&frames, &pairs);
-    frames.iter_mut().for_each(FrameSamples::let_go_of_keypoints);
+    frames.iter_mut().for_each(FrameSamples::drop_keypoints);
     drop(pairs);
     let rig = &first.survey.rig;
-    let given = (rig.strobe.lamps, rig.strobe.source.is_some());
-    let found = understand(
-        frames,
-        tracks,
-        rig.body_from_optical,
-        given,
-        &settings,
-        rig.body_from_dvl.origin().vector(),
-        &config.estimate,
-    )?;
+    let mounts = Mounts {
+        body_from_optical: rig.body_from_optical,
+        lamps: rig.strobe.lamps,
+        strobe_is_measured: rig.strobe.source.is_some(),
+        instrument: rig.body_from_dvl.origin().vector(),
+    };
+    let found = estimate_model(frames, tracks, &mounts, &settings, &config.estimate)?;
     let mount = found.strobe.lamps;
     let rendering =
         shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);

@@ -9,7 +9,7 @@ use crate::coordinates::Point;
 use crate::correct::MeanFrames;
 use crate::error::Result;
 use crate::estimate::{
-    FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, coarsest_m, matches, samples,
+    FrameSamples, Matchable, MatchedPair, PLANES_AROUND_S, coarsest_m, matches, sample_frame,
 };
 use crate::geometry::{SeafloorPlane, View};
 use crate::image::SensorImage;
@@ -171,7 +171,7 @@ pub fn collect(
         let terrain = survey.pings.terrain(stamp, &plane, &survey.rig);
         let view =
             View { camera: &camera, rig: &survey.rig, plane: &plane, terrain: terrain.as_ref() };
-        let mut taken = samples(
+        let mut taken = sample_frame(
             (index, stamp),
             &image,
             &view,

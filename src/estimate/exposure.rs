@@ -41,6 +41,15 @@ pub struct FollowedSetting {
     pub reference: f64,
 }
 
+impl FollowedSetting {
+    /// Log gain of each value of the setting over the reference.
+    pub fn log_gains(&self, values: &[f64]) -> Vec<f64> {
+        let reference = self.law.log_light(self.reference);
+        let log_gain = |v: &f64| self.law.log_light(*v).zip(reference).map_or(0.0, |(v, r)| v - r);
+        values.iter().map(log_gain).collect()
+    }
+}
+
 /// What changes from one frame to the next.
 struct Change {
     /// their indices

@@ -1,0 +1,149 @@
+//! The samples of a log with what is known of its geometry, at one stage of the estimation.
+
+use std::collections::BTreeSet;
+
+use super::backscatter::BackscatterFit;
+use super::drift::DriftFit;
+use super::samples::FrameSamples;
+use crate::config::EstimateConfig;
+use crate::coordinates::{Body, Optical, Transform};
+use crate::geometry::LightPath;
+use crate::image::Bands;
+use crate::model::{BeamGrid, BeamPattern, ImagingModel, SpreadingModel};
+use crate::solver::{Independence, Observation, Sample, Setup, Track};
+use crate::stats;
+use crate::vehicle::Lamps;
+
+/// Frames nearer than this share their pings \[s\].
+const PINGS_SHARED_S: f64 = 2.5;
+
+/// Samples and geometry.
+#[derive(Clone, Copy)]
+pub struct Dataset<'s> {
+    /// samples of the frames
+    pub frames: &'s [FrameSamples],
+    /// seafloor points seen more than once
+    pub tracks: &'s [Track],
+    /// the camera's mount
+    pub body_from_optical: Transform<Body, Optical>,
+    /// the strobe's mount
+    pub lamps: Lamps,
+    /// whether the strobe's position is not measured: estimated from these samples, or a guess
+    pub strobe_is_free: bool,
+    /// backscatter that has been removed from the samples, and the tracks before it was
+    pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
+    /// nodes of α in time
+    pub drift: Option<&'s DriftFit>,
+    /// α with backscatter modelled, where it is present and the settings exclude it \[1/m\]
+    pub unmodelled_backscatter: Option<Bands>,
+}
+
+impl<'s> Dataset<'s> {
+    /// Samples without backscatter or drift, the strobe where it is measured to be.
+    pub fn plain(
+        frames: &'s [FrameSamples],
+        tracks: &'s [Track],
+        body_from_optical: Transform<Body, Optical>,
+        lamps: Lamps,
+    ) -> Self {
+        Self {
+            frames,
+            tracks,
+            body_from_optical,
+            lamps,
+            strobe_is_free: false,
+            backscatter: None,
+            drift: None,
+            unmodelled_backscatter: None,
+        }
+    }
+
+    /// A sample's ray: x/z, y/z in the image plane, and ℓ_s \[m\].
+    pub fn ray(&self, sample: &Sample) -> (f64, f64, f64) {
+        let hit = (self.body_from_optical.inverse() * sample.hit).vector();
+        (hit.x / hit.z, hit.y / hit.z, sample.seafloor_to_camera_m)
+    }
+
+    /// The tracks before backscatter was removed.
+    pub fn raw_tracks(&self) -> &'s [Track] {
+        self.backscatter.map_or(self.tracks, |(_, raw)| raw)
+    }
+
+    /// Moments with pings of their own: frames nearer than [`PINGS_SHARED_S`] share their errors.
+    pub fn moments(&self) -> usize {
+        let moment = |f: &FrameSamples| (f.stamp.0 as f64 * 1e-9 / PINGS_SHARED_S) as i64;
+        self.frames.iter().map(moment).collect::<BTreeSet<_>>().len()
+    }
+
+    /// The joint solve with attenuation and beam pattern as its only unknowns.
+    pub fn setup<'c>(&self, grid: BeamGrid, config: &'c EstimateConfig) -> Setup<'c> {
+        Setup {
+            independence: Independence { frames: self.frames.len(), moments: self.moments() },
+            bands: self.bands(),
+            grid,
+            spreading: SpreadingModel::of(config.spreading),
+            fit_exponent: false,
+            free_strobe: false,
+            scatter: None,
+            segments: None,
+            rounds: config.rounds,
+            config,
+        }
+    }
+
+    /// A model with the settings' spreading.
+    pub fn model_by(
+        &self,
+        attenuation_per_m: Bands,
+        beam_pattern: BeamPattern,
+        config: &EstimateConfig,
+    ) -> ImagingModel {
+        let spreading = SpreadingModel::of(config.spreading);
+        self.model(attenuation_per_m, spreading, beam_pattern, config)
+    }
+
+    /// A model of these samples' bands and backscatter.
+    pub fn model(
+        &self,
+        attenuation_per_m: Bands,
+        spreading: SpreadingModel,
+        beam_pattern: BeamPattern,
+        config: &EstimateConfig,
+    ) -> ImagingModel {
+        ImagingModel {
+            bands: self.bands(),
+            attenuation_per_m,
+            over_time: Default::default(),
+            spreading,
+            incidence: config.incidence,
+            beam_pattern,
+            backscatter: self.backscatter.map(|(fit, _)| fit.backscatter),
+        }
+    }
+
+    /// The light path of an observation.
+    pub fn path(&self, o: &Observation) -> Option<LightPath> {
+        o.sample.path(self.lamps)
+    }
+
+    /// 1 or 3.
+    pub fn bands(&self) -> usize {
+        self.frames.iter().map(|f| f.bands).max().unwrap_or(1)
+    }
+
+    /// Highest over lowest camera altitude (95 % and 5 % quantiles).
+    pub fn altitude_spread(&self) -> f64 {
+        let altitudes: Vec<f64> = self.frames.iter().map(|f| f.camera_altitude_m).collect();
+        stats::quantile(&altitudes, 0.95) / stats::quantile(&altitudes, 0.05)
+    }
+
+    /// Whether the altitude varies enough for attenuation to be identified.
+    pub fn altitude_varies(&self, config: &EstimateConfig) -> bool {
+        self.altitude_spread() >= config.least_altitude_spread
+    }
+
+    /// Whether geometry and backscatter can be estimated at all: enough tracks, enough altitudes.
+    pub fn is_informative(&self, config: &EstimateConfig) -> bool {
+        self.altitude_varies(config) && self.tracks.len() >= config.least_pairs
+    }
+}

@@ -1,0 +1,5 @@
+//! How far an estimate can be trusted.
+
+pub mod cross_validation;
+pub mod error_budget;
+pub mod identifiability;
