@@ -7,7 +7,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::products::dive::CorrectedLog;
-use crate::products::mosaic::{self, Asked};
+use crate::products::mosaic::{self, MosaicOptions};
 use crate::products::{data_set, page, sheet, write_whole};
 use crate::recording::{Window, check_output_path};
 use crate::session::Options;
@@ -56,8 +56,8 @@ pub fn compare(args: &CompareArgs) -> Result<Ended> {
     check_output_path(&args.input, &args.output, options.force)?;
     ensure_named(&args.output, &["png"])?;
     let which = match (args.frame, args.at) {
-        (Some(number), _) => sheet::Which::Number(number),
-        (None, time) => sheet::Which::At(time.unwrap_or_default()),
+        (Some(number), _) => sheet::FrameSelector::Number(number),
+        (None, time) => sheet::FrameSelector::LogTime(time.unwrap_or_default()),
     };
     let model = model_file(args.model.as_deref())?;
     let png = sheet::sheet(&args.input, model, which, &options, &Bar::new(args.shared.quiet))?;
@@ -73,8 +73,10 @@ pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     let options = Options { window: window(args.start, args.end)?, ..args.run.options() };
     check_output_path(&args.input, &args.output, options.force)?;
     ensure_named(&args.output, &["png", "tif", "tiff"])?;
-    let asked =
-        Asked { camera: args.camera.clone(), is_georeferenced: mosaic::is_geotiff(&args.output) };
+    let asked = MosaicOptions {
+        camera: args.camera.clone(),
+        is_georeferenced: mosaic::is_geotiff(&args.output),
+    };
     let laid = mosaic::mosaic(&CorrectedLog::open(&args.input, &options)?, &asked, &options)?;
     let bytes = match laid.tiff() {
         Some(tiff) => tiff,
@@ -84,7 +86,7 @@ pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     };
     write_whole(&args.output, &bytes)?;
     if !args.run.quiet {
-        laid.words.iter().for_each(|word| eprintln!("note: {word}"));
+        laid.notes.iter().for_each(|note| eprintln!("note: {note}"));
     }
     args.run.written(&args.output);
     Ok(Ended::Done)

@@ -1,122 +1,144 @@
-//! `unwater compare`: the paper's Fig. 4 for one frame, every method side by side, ours last.
+//! `unwater compare`: the paper's Fig. 4 for one frame, all methods side by side.
 //!
-//! Under each picture stands what no eye can judge: points of seafloor that other frames see too,
-//! their light in this frame against that in the others, after the same method. On the line they
-//! would agree.
+//! Below each image a scatter plot compares the light of points in this frame with that of the same
+//! points in other frames, after the same method. Points on the diagonal agree.
 
 mod scatter;
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::pictures::{codes, downscale, exposure, scaled};
+use super::display::{downscale, exposure, scaled, to_srgb};
+use super::match_frames;
 use crate::config::Method;
 use crate::correct::{MeanFrames, apply_baseline};
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, Matchable, matches};
+use crate::estimate::FrameSamples;
 use crate::image::LinearImage;
 use crate::model::{ModelFile, RenderingFile, ScatterTable};
 use crate::plot::Canvas;
 use crate::run::bench::{Bench, BenchFrame};
 use crate::run::{self};
+use crate::session::index::FrameRef;
 use crate::session::{self, Options, Progress};
-use crate::units::Stamp;
 use scatter::{Agreement, Pairs};
 
-/// Which frame.
+/// Selects a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Which {
-    /// by its number, the first is 0
+pub enum FrameSelector {
+    /// by number, from 0
     Number(usize),
-    /// the nearest to a log time [ns]
-    At(u64),
+    /// nearest to a log time [ns]
+    LogTime(u64),
 }
 
-/// Longest side that methods work at [px].
+impl FrameSelector {
+    fn index(self, frames: &[FrameRef]) -> Result<usize> {
+        match self {
+            Self::Number(number) if number < frames.len() => Ok(number),
+            Self::Number(number) => Err(Error::Usage(format!(
+                "there is no frame {number}: the camera has {} frames, numbered from 0",
+                frames.len()
+            ))),
+            Self::LogTime(time) => {
+                let time = i64::try_from(time).unwrap_or(i64::MAX);
+                let distance = |f: &FrameRef| f.logged.0.abs_diff(time);
+                let nearest = frames.iter().enumerate().min_by_key(|(_, f)| distance(f));
+                let nearest = nearest.map(|(i, _)| i);
+                nearest.ok_or_else(|| Error::Usage("the camera has no images".into()))
+            }
+        }
+    }
+}
+
+/// Longer side at which methods are applied [px].
 const SIDE: usize = 1000;
-/// Frames that mean frames are made of, at most.
-const MEANS_OF_FRAMES: usize = 100;
-/// Other frames that points are compared with, at most.
-const OTHERS: usize = 4;
-/// Width of a tile's picture, and room around tiles [px].
+/// Maximum number of frames in mean frames.
+const MAX_MEAN_FRAMES: usize = 100;
+/// Maximum number of other frames to compare with.
+const MAX_OTHERS: usize = 4;
+/// Width of a tile's image, and gap between tiles [px].
 const TILE_WIDTH: usize = 440;
 const GAP: i64 = 20;
 const COLUMNS: usize = 4;
-/// Height of the words over a picture, and of the head of the sheet [px].
-const WORDS: i64 = 50;
+/// Height of the text above an image, and of the sheet's header [px].
+const CAPTION: i64 = 50;
 const HEAD: i64 = 100;
 
 const PAPER: [u8; 3] = [250, 250, 248];
 const INK: [u8; 3] = [28, 33, 38];
 const SOFT: [u8; 3] = [100, 110, 118];
 
-/// What a tile shows: its name, where it comes from, and the methods one after the other; none is
-/// raw.
+/// A tile: name, description, and the methods applied in order; none for raw.
 struct Tile {
     name: &'static str,
-    source: &'static str,
+    description: &'static str,
     methods: &'static [Method],
 }
 
 const TILES: [Tile; 12] = [
-    Tile { name: "raw", source: "brightness by one factor", methods: &[] },
-    Tile { name: "grey world", source: "the frame's mean is grey", methods: &[Method::GreyWorld] },
+    Tile { name: "raw", description: "brightness by one factor", methods: &[] },
+    Tile {
+        name: "grey world",
+        description: "the frame's mean is grey",
+        methods: &[Method::GreyWorld],
+    },
     Tile {
         name: "white patch",
-        source: "the frame's brightest is white",
+        description: "the frame's brightest is white",
         methods: &[Method::WhitePatch],
     },
     Tile {
         name: "adaptive histogram",
-        source: "contrast-limited, per frame",
+        description: "contrast-limited, per frame",
         methods: &[Method::Ahe],
     },
     Tile {
         name: "homomorphic, low-pass",
-        source: "Eq. 12, per frame",
+        description: "Eq. 12, per frame",
         methods: &[Method::Homomorphic],
     },
     Tile {
         name: "homomorphic, surface",
-        source: "Eq. 12, polynomial per frame",
+        description: "Eq. 12, polynomial per frame",
         methods: &[Method::HomomorphicSurface],
     },
     Tile {
         name: "adaptive hist. + grey world",
-        source: "one after the other",
+        description: "one after the other",
         methods: &[Method::Ahe, Method::GreyWorld],
     },
     Tile {
         name: "low-pass + grey world",
-        source: "one after the other",
+        description: "one after the other",
         methods: &[Method::Homomorphic, Method::GreyWorld],
     },
     Tile {
         name: "surface + grey world",
-        source: "one after the other",
+        description: "one after the other",
         methods: &[Method::HomomorphicSurface, Method::GreyWorld],
     },
     Tile {
         name: "frame average",
-        source: "Eq. 14, mean of the log",
+        description: "Eq. 14, mean of the log",
         methods: &[Method::FrameAverage],
     },
     Tile {
         name: "range average",
-        source: "mean of frames at this height",
+        description: "mean of frames at this altitude",
         methods: &[Method::RangeAverage],
     },
-    Tile { name: "unwater", source: "Eq. 15, full correction", methods: &[Method::Full] },
+    Tile { name: "unwater", description: "Eq. 15, full correction", methods: &[Method::Full] },
 ];
 
-/// A frame, small, with its samples.
-struct Looked {
+/// A frame with its samples and its raw image, downscaled.
+struct ComparedFrame {
     frame: BenchFrame,
     samples: FrameSamples,
     raw: LinearImage,
 }
 
-/// All that methods are applied with.
+/// Inputs of all methods.
 struct Methods<'m> {
     bench: &'m Bench,
     means: MeanFrames,
@@ -124,14 +146,14 @@ struct Methods<'m> {
     glow: Option<ScatterTable>,
 }
 
-/// The sheet of one frame, as a PNG. Without a model one is estimated first.
+/// The sheet of one frame, as PNG. Without a model one is estimated first.
 ///
 /// # Errors
-/// The log cannot be used, or the frame is not there, or cannot be decoded, or has no floor.
+/// An unusable log; a frame that does not exist, cannot be decoded, or has no seafloor.
 pub fn sheet(
     input: &Path,
     model: Option<ModelFile>,
-    which: Which,
+    selector: FrameSelector,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Vec<u8>> {
@@ -147,50 +169,23 @@ pub fn sheet(
         options.config.clone(),
         options.threads,
     )?;
-    let frames = &bench.log.survey.frames;
-    let index = match which {
-        Which::Number(number) if number < frames.len() => number,
-        Which::Number(number) => {
-            return Err(Error::Usage(format!(
-                "there is no frame {number}: the camera has {} of them, the first is 0",
-                frames.len()
-            )));
-        }
-        Which::At(time) => {
-            let distance = |s: Stamp| s.0.abs_diff(i64::try_from(time).unwrap_or(i64::MAX));
-            let nearest =
-                frames.iter().enumerate().min_by_key(|(_, f)| distance(f.logged)).map(|(i, _)| i);
-            nearest.ok_or_else(|| Error::Usage("the camera has no pictures".into()))?
-        }
-    };
+    let index = selector.index(&bench.log.survey.frames)?;
     let reach = bench.config.matching.neighbours;
     let near: BTreeSet<usize> = (index.saturating_sub(reach)..=index + reach).collect();
-    let mut looked: Vec<Looked> = Vec::new();
-    let small = |frame: &BenchFrame| downscale(&frame.image.clone().into_demosaiced(), SIDE);
+    let mut compared: Vec<ComparedFrame> = Vec::new();
     bench.each(
         &near,
-        |frame| Looked { samples: bench.samples(&frame, true), raw: small(&frame), frame },
-        |l| looked.push(l),
+        |frame| ComparedFrame { samples: bench.samples(&frame, true), raw: raw(&frame), frame },
+        |f| compared.push(f),
     )?;
-    let Some(own) = looked.iter().position(|l| l.frame.index == index) else {
-        let why = "cannot be decoded, or has no floor below it; `unwater inspect` says more, and \
-                   another frame may do";
+    let Some(own) = compared.iter().position(|f| f.frame.index == index) else {
+        let why = "cannot be decoded or has no seafloor plane; see `unwater inspect`, or select \
+                   another frame";
         return Err(Error::Image(format!("frame {index} of {} {why}", input.display())));
     };
-    let here = looked.remove(own);
-    let pairs = overlapping(&bench, &here, &looked);
-
-    let mut means = MeanFrames::default();
-    let step = frames.len().div_ceil(MEANS_OF_FRAMES).max(1);
-    let spread: BTreeSet<usize> = (0..frames.len()).step_by(step).chain([index]).collect();
-    bench.each(
-        &spread,
-        |frame| (small(&frame), bench.view(&frame).camera_altitude_m()),
-        |(image, altitude_m)| {
-            means.add(Method::FrameAverage, &image, altitude_m);
-            means.add(Method::RangeAverage, &image, altitude_m);
-        },
-    )?;
+    let here = compared.remove(own);
+    let pairs = overlapping(&bench, &here, &compared);
+    let means = mean_frames(&bench, index)?;
     let rendering = match bench.file.rendering.method {
         Method::Full => bench.file.rendering.clone(),
         _ => bench.rendering(
@@ -201,43 +196,62 @@ pub fn sheet(
     };
     let methods = Methods { bench: &bench, means, rendering, glow: bench.glow(Method::Full) };
     methods
-        .laid_out(&here, &pairs)
+        .draw(&here, &pairs)
         .png()
         .map_err(|reason| Error::WriteRecord { path: input.into(), reason })
 }
 
-/// The frames that see most points of this one, with those points' pixels in both.
-fn overlapping<'l>(bench: &Bench, here: &Looked, others: &'l [Looked]) -> Vec<(&'l Looked, Pairs)> {
-    let matching = &bench.config.matching;
-    let camera = &bench.log.survey.rig.camera;
-    let reduction =
-        camera.width.max(camera.height).div_ceil(matching.detection_side_px).max(1) as f64;
-    let inlier = matching.inlier_px * reduction / camera.fx;
-    let of =
-        |l: &'l Looked| Matchable { keypoints: &l.samples.keypoints, places: &l.samples.places };
-    let own = Matchable { keypoints: &here.samples.keypoints, places: &here.samples.places };
-    let pairs_with = |other: &'l Looked| {
+/// The raw image at [`SIDE`], demosaiced.
+fn raw(frame: &BenchFrame) -> LinearImage {
+    downscale(&frame.image.clone().into_demosaiced(), SIDE)
+}
+
+/// Mean frames for the baselines, frame `index` included.
+fn mean_frames(bench: &Bench, index: usize) -> Result<MeanFrames> {
+    let mut means = MeanFrames::default();
+    let count = bench.log.survey.frames.len();
+    let step = count.div_ceil(MAX_MEAN_FRAMES).max(1);
+    let chosen: BTreeSet<usize> = (0..count).step_by(step).chain([index]).collect();
+    bench.each(
+        &chosen,
+        |frame| (raw(&frame), bench.view(&frame).camera_altitude_m()),
+        |(image, altitude_m)| {
+            means.add(Method::FrameAverage, &image, altitude_m);
+            means.add(Method::RangeAverage, &image, altitude_m);
+        },
+    )?;
+    Ok(means)
+}
+
+/// The frames with the most keypoint matches to this one, with the pixels in both.
+fn overlapping<'l>(
+    bench: &Bench,
+    here: &ComparedFrame,
+    others: &'l [ComparedFrame],
+) -> Vec<(&'l ComparedFrame, Pairs)> {
+    let pairs_with = |other: &'l ComparedFrame| {
         let seed = (here.frame.index as u64) << 32 | other.frame.index as u64;
-        let found = matches(&own, &of(other), matching, inlier, seed);
-        let place = |l: &Looked, k: u32| l.samples.keypoints.get(k as usize).map(|k| (k.u, k.v));
-        let places: Pairs =
-            found.iter().filter_map(|(i, j)| Some((place(here, *i)?, place(other, *j)?))).collect();
-        (other, places)
+        let found = match_frames(bench, &here.samples, &other.samples, seed);
+        let pixel =
+            |l: &ComparedFrame, k: u32| l.samples.keypoints.get(k as usize).map(|k| (k.u, k.v));
+        let pixels: Pairs =
+            found.iter().filter_map(|(i, j)| Some((pixel(here, *i)?, pixel(other, *j)?))).collect();
+        (other, pixels)
     };
-    let mut found: Vec<(&Looked, Pairs)> =
+    let mut found: Vec<(&ComparedFrame, Pairs)> =
         others.iter().map(pairs_with).filter(|(_, p)| !p.is_empty()).collect();
     found.sort_by_key(|(other, pairs)| (std::cmp::Reverse(pairs.len()), other.frame.index));
-    found.truncate(OTHERS);
+    found.truncate(MAX_OTHERS);
     found
 }
 
 impl Methods<'_> {
-    /// A frame by a tile's methods.
-    fn shown(&self, looked: &Looked, tile: &Tile) -> LinearImage {
+    /// A frame after a tile's methods.
+    fn apply(&self, compared: &ComparedFrame, tile: &Tile) -> LinearImage {
         if tile.methods == [Method::Full] {
             return downscale(
                 &self.bench.corrected(
-                    &looked.frame,
+                    &compared.frame,
                     Method::Full,
                     &self.rendering,
                     self.glow.as_ref(),
@@ -245,17 +259,17 @@ impl Methods<'_> {
                 SIDE,
             );
         }
-        let altitude_m = self.bench.view(&looked.frame).camera_altitude_m();
-        let mut image = looked.raw.clone();
+        let altitude_m = self.bench.view(&compared.frame).camera_altitude_m();
+        let mut image = compared.raw.clone();
         tile.methods
             .iter()
             .for_each(|method| apply_baseline(*method, &mut image, &self.means, altitude_m));
         image
     }
 
-    fn laid_out(&self, here: &Looked, others: &[(&Looked, Pairs)]) -> Canvas {
+    fn draw(&self, here: &ComparedFrame, others: &[(&ComparedFrame, Pairs)]) -> Canvas {
         let height = (here.raw.height * TILE_WIDTH).div_ceil(here.raw.width.max(1));
-        let pitch = (TILE_WIDTH as i64 + GAP, WORDS + height as i64 + scatter::HEIGHT + GAP);
+        let pitch = (TILE_WIDTH as i64 + GAP, CAPTION + height as i64 + scatter::HEIGHT + GAP);
         let rows = TILES.len().div_ceil(COLUMNS) as i64;
         let mut canvas = Canvas::new(
             (GAP + COLUMNS as i64 * pitch.0) as usize,
@@ -263,9 +277,9 @@ impl Methods<'_> {
             PAPER,
         );
         let width = canvas.width - 2 * GAP as usize;
-        let (title, facts) = self.words(here, others);
+        let (title, subtitle) = self.header(here, others);
         canvas.text((GAP, GAP), 3, INK, &Canvas::truncated(&title, 3, width));
-        canvas.text((GAP, GAP + 36), 2, SOFT, &Canvas::truncated(&facts, 2, width));
+        canvas.text((GAP, GAP + 36), 2, SOFT, &Canvas::truncated(&subtitle, 2, width));
         let usable = scatter::usable(
             &here.raw,
             others.iter().map(|(l, _)| &l.raw),
@@ -275,42 +289,45 @@ impl Methods<'_> {
         for (i, tile) in TILES.iter().enumerate() {
             let corner =
                 (GAP + (i % COLUMNS) as i64 * pitch.0, HEAD + (i / COLUMNS) as i64 * pitch.1);
-            let image = self.shown(here, tile);
+            let image = self.apply(here, tile);
             let is_raw = tile.methods.is_empty();
             let factor = if is_raw { exposure(std::iter::once(&image)) } else { 1.0 };
-            let source =
-                if is_raw { format!("{}, x {factor:.1}", tile.source) } else { tile.source.into() };
+            let description = if is_raw {
+                format!("{}, x {factor:.1}", tile.description)
+            } else {
+                tile.description.into()
+            };
             canvas.text(corner, 2, INK, &Canvas::truncated(tile.name, 2, TILE_WIDTH));
             canvas.text(
                 (corner.0, corner.1 + 24),
                 2,
                 SOFT,
-                &Canvas::truncated(&source, 2, TILE_WIDTH),
+                &Canvas::truncated(&description, 2, TILE_WIDTH),
             );
-            let picture = scaled(&image, TILE_WIDTH);
+            let scaled = scaled(&image, TILE_WIDTH);
             canvas.put(
-                (corner.0, corner.1 + WORDS),
-                &codes(&picture, factor),
-                picture.width,
-                picture.bands,
+                (corner.0, corner.1 + CAPTION),
+                &to_srgb(&scaled, factor),
+                scaled.width,
+                scaled.bands,
             );
             let agreement = Agreement::of(
                 &image,
                 here.raw.width as f64 / here.frame.camera.width as f64,
                 &usable,
                 others,
-                |other| self.shown(other, tile),
+                |other| self.apply(other, tile),
             );
             agreement.draw(
                 &mut canvas,
-                (corner.0, corner.1 + WORDS + height as i64 + 8),
+                (corner.0, corner.1 + CAPTION + height as i64 + 8),
                 TILE_WIDTH as i64,
             );
         }
         canvas
     }
 
-    fn words(&self, here: &Looked, others: &[(&Looked, Pairs)]) -> (String, String) {
+    fn header(&self, here: &ComparedFrame, others: &[(&ComparedFrame, Pairs)]) -> (String, String) {
         let path = self.bench.log.recording.path();
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let nanos = u64::try_from(here.frame.stamp.0).unwrap_or_default();
@@ -320,18 +337,18 @@ impl Methods<'_> {
         let title = format!("{name}, frame {}", here.frame.index);
         let points: usize = others.iter().map(|(_, p)| p.len()).sum();
         let overlap = match others.len() {
-            0 => "no other frame sees its points".into(),
+            0 => "no keypoint matches with other frames".into(),
             n => format!("{points} points in {n} other frames"),
         };
         let alpha: Vec<String> =
             self.bench.file.attenuation_per_m.iter().map(|a| format!("{a:.3}")).collect();
-        let sure = if self.bench.file.identified { "" } else { ", not identified" };
+        let caveat = if self.bench.file.identified { "" } else { ", not identified" };
         let altitude_m = self.bench.view(&here.frame).camera_altitude_m();
         (
             title,
             format!(
-                "{time}, {altitude_m:.2} m above the floor; {overlap}; attenuation {} per \
-                 metre{sure}",
+                "{time}, {altitude_m:.2} m above the seafloor; {overlap}; attenuation {} per \
+                 metre{caveat}",
                 alpha.join(" / ")
             ),
         )

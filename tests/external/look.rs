@@ -13,7 +13,7 @@ use crate::support::render::{Dive, Sensor, Truth};
 use libtest_mimic::{Failed, Trial};
 use unwater::config::OutputConfig;
 use unwater::products::dive::CorrectedLog;
-use unwater::products::mosaic::{Asked, Mosaic, mosaic};
+use unwater::products::mosaic::{Mosaic, MosaicOptions, mosaic};
 use unwater::recording::{Entry, Output, Recording, Schema, Window};
 use unwater::session::Options;
 
@@ -268,7 +268,7 @@ fn sheet_is_made() -> Result<(), Failed> {
     ensure(none.status.code() == Some(2) && said.contains("22"), said)
 }
 
-fn laid(made: &Corrected, asked: &Asked) -> Result<Mosaic, Failed> {
+fn laid(made: &Corrected, asked: &MosaicOptions) -> Result<Mosaic, Failed> {
     let options = Options::default();
     Ok(mosaic(&CorrectedLog::open(&made.path("out.mcap"), &options)?, asked, &options)?)
 }
@@ -277,7 +277,7 @@ fn laid(made: &Corrected, asked: &Asked) -> Result<Mosaic, Failed> {
 /// reflectance at known points.
 fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
     let made = Corrected::get();
-    let laid = laid(made, &Asked::default())?;
+    let laid = laid(made, &MosaicOptions::default())?;
     ensure(
         laid.frames.len() == made.truth.frames.len(),
         format!("{} frames laid", laid.frames.len()),
@@ -330,7 +330,7 @@ fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
             }
             let at = v as usize * laid.grid.width + u as usize;
             // Of several frames the last one covers.
-            if strip.from[at] as usize == k + 1 {
+            if strip.frame_numbers[at] as usize == k + 1 {
                 pairs.push((
                     f64::from(strip.image.pixels[3 * at + 1]),
                     f64::from(frame.reflectance[i][1]),
@@ -370,10 +370,10 @@ fn mosaic_by_shared_points() -> Result<(), Failed> {
     let out = folder.path().join("out.mcap");
     ran(&["correct", text(&folder.path().join("dive.mcap")), "-o", text(&out), "-q"])?;
     let options = Options::default();
-    let laid = mosaic(&CorrectedLog::open(&out, &options)?, &Asked::default(), &options)?;
+    let laid = mosaic(&CorrectedLog::open(&out, &options)?, &MosaicOptions::default(), &options)?;
     ensure(
-        laid.words.iter().any(|w| w.contains("points that neighbouring frames share")),
-        format!("{:?}", laid.words),
+        laid.notes.iter().any(|n| n.contains("keypoint matches between neighbouring frames")),
+        format!("{:?}", laid.notes),
     )?;
     ensure(laid.frames.len() >= 8, format!("{} frames are joined", laid.frames.len()))?;
     for pair in laid.frames.windows(2) {
@@ -516,7 +516,7 @@ fn map_is_where_it_is() -> Result<(), Failed> {
     let options = Options::default();
     let mosaic = mosaic(
         &CorrectedLog::open(&log, &options)?,
-        &Asked { is_georeferenced: true, ..Asked::default() },
+        &MosaicOptions { is_georeferenced: true, ..MosaicOptions::default() },
         &options,
     )?;
     let place = mosaic.frames[0].world_from_body.translation.vector;

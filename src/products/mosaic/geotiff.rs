@@ -1,89 +1,89 @@
-//! The corrected strip as a GeoTIFF: 8-bit RGBA, north up, in WGS 84 (EPSG:4326), without
-//! compression.
+//! The corrected strip as a GeoTIFF: 8-bit RGBA, north up, WGS 84 (EPSG:4326), uncompressed.
 //!
-//! A mosaic is some tens of metres wide: on that scale degrees are even, and no map projection is
-//! needed.
-
-use super::{Laid, Mosaic};
-use crate::error::{Error, Result};
-use crate::products::pictures::codes_as_shown;
-use crate::products::places::{Fix, M_PER_DEG, Places, east_north, fix_at};
+//! Over some tens of metres degrees are uniform, so that no map projection is needed.
 
 use super::by_matches::{Pair, Rigid};
+use super::{Mosaic, PlacedFrame};
+use crate::error::{Error, Result};
+use crate::products::display::srgb_of_rendered;
+use crate::products::places::{Fix, M_PER_DEG, Places, east_north, fix_at};
+use crate::stats::median;
 
-/// Where on Earth the mosaic's world lies.
-pub struct Position {
-    /// the fix that metres are counted from
+/// Georeference of the mosaic's world.
+pub struct Georeference {
+    /// origin of the metric coordinates
     origin: Fix,
     /// east and north of the world's origin from there [m]
-    shift: [f64; 2],
-    /// to turn the world by, so that y points north [rad]
-    pub turn_rad: f64,
-    /// root mean square distance between fixes and mosaic [m]
-    misfit_m: f64,
+    translation: [f64; 2],
+    /// rotation of the world about the vertical such that y points north [rad]
+    pub yaw_rad: f64,
+    /// root mean square residual of the fixes [m]
+    residual_m: f64,
     topic: String,
 }
 
-/// A way shorter than so many misfits tells no direction.
-const LEAST_WAY: f64 = 5.0;
+/// A track shorter than this multiple of the residual does not determine a heading.
+const MIN_TRACK: f64 = 5.0;
 
-/// The position by the fixes of the log: a shift, and a turn where the world's axes are nobody's.
-pub fn position(laid: &[Laid], places: &Places, is_level_known: bool) -> Result<Position> {
+/// Georeference from the position fixes of the log: a translation, and a rotation where the log has
+/// no attitude.
+pub fn georeference(
+    frames: &[PlacedFrame],
+    places: &Places,
+    has_attitude: bool,
+) -> Result<Georeference> {
     let none = || {
         Error::Image(
             "the log has no position (sensor_msgs/NavSatFix or the like) near these frames, so \
-             the mosaic has no place on Earth; give a name that ends in .png"
+             the mosaic cannot be georeferenced; use an output name ending in .png"
                 .into(),
         )
     };
     let (topic, fixes) = places.best_fixes().ok_or_else(none)?;
     let origin = *fixes.first().ok_or_else(none)?;
-    let of = |l: &Laid| {
-        let t = l.world_from_body.translation.vector;
-        Some(([t.x, t.y], east_north(&fix_at(fixes, l.stamp)?, &origin)))
+    let of = |f: &PlacedFrame| {
+        let t = f.world_from_body.translation.vector;
+        Some(([t.x, t.y], east_north(&fix_at(fixes, f.stamp)?, &origin)))
     };
-    let pairs: Vec<Pair> = laid.iter().filter_map(of).collect();
+    let pairs: Vec<Pair> = frames.iter().filter_map(of).collect();
     if pairs.is_empty() {
         return Err(none());
     }
-    let mut turn_rad = 0.0;
-    if !is_level_known {
+    let mut yaw_rad = 0.0;
+    if !has_attitude {
         let rigid = Rigid::fitted(&pairs);
-        turn_rad = rigid.map_or(0.0, |r| r.turn_rad());
-        let misfit = misfit(&pairs, turn_rad);
+        yaw_rad = rigid.map_or(0.0, |r| r.angle_rad());
+        let (_, residual_m) = translation(&pairs, yaw_rad);
         let (first, last) = (pairs[0].1, pairs[pairs.len() - 1].1);
-        if rigid.is_none() || (last[0] - first[0]).hypot(last[1] - first[1]) < LEAST_WAY * misfit.1
+        if rigid.is_none()
+            || (last[0] - first[0]).hypot(last[1] - first[1]) < MIN_TRACK * residual_m
         {
             return Err(Error::Image(
-                "the log has no heading, and its positions are too close together to tell one; \
-                 give a name that ends in .png"
+                "the log has no heading, and its positions are too close together to determine \
+                 it; use an output name ending in .png"
                     .into(),
             ));
         }
     }
-    let (shift, misfit_m) = misfit(&pairs, turn_rad);
-    Ok(Position { origin, shift, turn_rad, misfit_m, topic: topic.clone() })
+    let (translation, residual_m) = translation(&pairs, yaw_rad);
+    Ok(Georeference { origin, translation, yaw_rad, residual_m, topic: topic.clone() })
 }
 
-/// The median shift from turned places to fixes, and the root mean square of what is left.
-fn misfit(pairs: &[Pair], turn_rad: f64) -> ([f64; 2], f64) {
-    let (sin, cos) = turn_rad.sin_cos();
-    let off: Vec<[f64; 2]> = pairs
+/// Median translation from rotated positions to fixes, and the root mean square residual [m].
+fn translation(pairs: &[Pair], yaw_rad: f64) -> ([f64; 2], f64) {
+    let (sin, cos) = yaw_rad.sin_cos();
+    let offsets: Vec<[f64; 2]> = pairs
         .iter()
         .map(|(p, q)| [q[0] - (cos * p[0] - sin * p[1]), q[1] - (sin * p[0] + cos * p[1])])
         .collect();
-    let shift = [0, 1].map(|k| {
-        let mut values: Vec<f64> = off.iter().map(|o| o[k]).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    });
+    let shift = [0, 1].map(|k| median(&offsets.iter().map(|o| o[k]).collect::<Vec<_>>()));
     let square =
-        off.iter().map(|o| (o[0] - shift[0]).powi(2) + (o[1] - shift[1]).powi(2)).sum::<f64>()
-            / off.len() as f64;
+        offsets.iter().map(|o| (o[0] - shift[0]).powi(2) + (o[1] - shift[1]).powi(2)).sum::<f64>()
+            / offsets.len() as f64;
     (shift, square.sqrt())
 }
 
-/// A value of a tag.
+/// Value of a TIFF tag.
 enum Value {
     Shorts(Vec<u16>),
     Longs(Vec<u32>),
@@ -92,7 +92,7 @@ enum Value {
 }
 
 impl Value {
-    /// TIFF's number of the type, count, bytes.
+    /// TIFF type number, count, bytes.
     fn parts(&self) -> (u16, usize, Vec<u8>) {
         match self {
             Self::Shorts(v) => (3, v.len(), v.iter().flat_map(|x| x.to_le_bytes()).collect()),
@@ -106,26 +106,29 @@ impl Value {
     }
 }
 
-/// The file's bytes.
-pub fn file(mosaic: &Mosaic, position: &Position) -> Vec<u8> {
+/// The contents of the file.
+pub fn encode(mosaic: &Mosaic, georeference: &Georeference) -> Vec<u8> {
     let (grid, strip) = (&mosaic.grid, &mosaic.corrected);
-    let codes = codes_as_shown(&strip.image);
+    let samples = srgb_of_rendered(&strip.image);
     let bands = strip.image.bands;
     let pixel = |(i, p): (usize, &[u8])| {
-        let alpha = if strip.from[i] > 0 { 255 } else { 0 };
+        let alpha = if strip.frame_numbers[i] > 0 { 255 } else { 0 };
         [p[0], p[1.min(bands - 1)], p[2.min(bands - 1)], alpha]
     };
-    let pixels: Vec<u8> = codes.chunks_exact(bands).enumerate().flat_map(pixel).collect();
-    // Degrees of the upper left corner, and of a pixel.
-    let scale = [1.0 / (M_PER_DEG * position.origin.latitude.to_radians().cos()), 1.0 / M_PER_DEG];
-    let west = position.origin.longitude + (grid.corner[0] + position.shift[0]) * scale[0];
-    let north = position.origin.latitude + (grid.corner[1] + position.shift[1]) * scale[1];
-    let says = format!(
-        "{}; placed by {}, {:.2} m rms from its fixes",
-        mosaic.source, position.topic, position.misfit_m
+    let pixels: Vec<u8> = samples.chunks_exact(bands).enumerate().flat_map(pixel).collect();
+    // Degrees per metre, and coordinates of the upper left corner.
+    let scale =
+        [1.0 / (M_PER_DEG * georeference.origin.latitude.to_radians().cos()), 1.0 / M_PER_DEG];
+    let west =
+        georeference.origin.longitude + (grid.corner[0] + georeference.translation[0]) * scale[0];
+    let north =
+        georeference.origin.latitude + (grid.corner[1] + georeference.translation[1]) * scale[1];
+    let description = format!(
+        "{}; georeferenced by {}, {:.2} m rms residual",
+        mosaic.source, georeference.topic, georeference.residual_m
     );
     let (width, height) = (grid.width as u32, grid.height as u32);
-    // Tags in rising order. GeoKeys: geographic, pixel is area, WGS 84.
+    // Tags in ascending order. GeoKeys: geographic, pixel is area, WGS 84.
     let geo_keys = vec![1, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326];
     let tags: Vec<(u16, Value)> = vec![
         (256, Value::Longs(vec![width])),
@@ -133,7 +136,7 @@ pub fn file(mosaic: &Mosaic, position: &Position) -> Vec<u8> {
         (258, Value::Shorts(vec![8; 4])),
         (259, Value::Shorts(vec![1])),
         (262, Value::Shorts(vec![2])),
-        (270, Value::Text(says)),
+        (270, Value::Text(description)),
         (273, Value::Longs(vec![8])),
         (277, Value::Shorts(vec![4])),
         (278, Value::Longs(vec![height])),
@@ -145,11 +148,11 @@ pub fn file(mosaic: &Mosaic, position: &Position) -> Vec<u8> {
         (33922, Value::Doubles(vec![0.0, 0.0, 0.0, west, north, 0.0])),
         (34735, Value::Shorts(geo_keys)),
     ];
-    written(&pixels, &tags)
+    write_tiff(&pixels, &tags)
 }
 
-/// Head, pixels, long values, directory.
-fn written(pixels: &[u8], tags: &[(u16, Value)]) -> Vec<u8> {
+/// Header, pixels, values longer than four bytes, directory.
+fn write_tiff(pixels: &[u8], tags: &[(u16, Value)]) -> Vec<u8> {
     let mut out = vec![b'I', b'I', 42, 0, 0, 0, 0, 0];
     out.extend_from_slice(pixels);
     let mut entries = Vec::new();

@@ -1,22 +1,22 @@
-//! The mosaic as a poster: raw and corrected side by side, a metre to measure by, and under each
-//! how light runs across the track: what blending would have hidden (paper, Fig. 11).
+//! The mosaic as a poster: raw and corrected side by side with a scale bar, each with its radiance
+//! profile across the track, which blending would hide (paper, Fig. 11).
 
 use super::{Mosaic, Strip};
 use crate::plot::{Canvas, ticks};
-use crate::products::pictures::{codes, codes_as_shown, exposure};
+use crate::products::display::{exposure, srgb_of_rendered, to_srgb};
 
 const MARGIN: i64 = 28;
 const GAP: i64 = 40;
 const HEAD: i64 = 118;
-/// Height of a profile, and of all that stands under a strip [px].
+/// Height of a profile, and of everything below a strip [px].
 const PROFILE: i64 = 190;
 const FOOT: i64 = PROFILE + 154;
-/// Least width of a strip's place [px]: words must fit.
-const LEAST_WIDTH: i64 = 430;
-/// Profiles are means over this share of the width to each side.
+/// Minimum width of a strip's column, for the text [px].
+const MIN_WIDTH: i64 = 430;
+/// Half width of the moving average of profiles [share of the width].
 const SMOOTH: f64 = 0.01;
-/// A column with fewer pixels than this share of the height has no mean.
-const LEAST_SHARE: f64 = 0.05;
+/// Columns with fewer covered pixels than this share of the fullest column have no mean.
+const MIN_COVERED_SHARE: f64 = 0.05;
 
 const PAPER: [u8; 3] = [250, 250, 248];
 const INK: [u8; 3] = [28, 33, 38];
@@ -29,17 +29,17 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
     let mut strips: Vec<(String, &Strip, Vec<u8>)> = Vec::new();
     if let Some(raw) = &mosaic.raw {
         let factor = exposure(std::iter::once(&raw.image));
-        strips.push((format!("raw, brightened x {factor:.1}"), raw, codes(&raw.image, factor)));
+        strips.push((format!("raw, brightened x {factor:.1}"), raw, to_srgb(&raw.image, factor)));
     }
-    strips.push(("corrected".into(), &mosaic.corrected, codes_as_shown(&mosaic.corrected.image)));
-    let place = (grid.width as i64).max(LEAST_WIDTH);
+    strips.push(("corrected".into(), &mosaic.corrected, srgb_of_rendered(&mosaic.corrected.image)));
+    let column = (grid.width as i64).max(MIN_WIDTH);
     let count = strips.len() as i64;
-    let width = 2 * MARGIN + count * place + (count - 1) * GAP;
-    let words: Vec<String> = std::iter::once(title(mosaic))
-        .chain(mosaic.words.iter().cloned())
+    let width = 2 * MARGIN + count * column + (count - 1) * GAP;
+    let lines: Vec<String> = std::iter::once(title(mosaic))
+        .chain(mosaic.notes.iter().cloned())
         .flat_map(|w| Canvas::wrapped(&w, 2, (width - 2 * MARGIN) as usize))
         .collect();
-    let head = HEAD.max(MARGIN + 40 + 22 * words.len() as i64 + 46);
+    let head = HEAD.max(MARGIN + 40 + 22 * lines.len() as i64 + 46);
     let mut canvas =
         Canvas::new(width as usize, (head + grid.height as i64 + FOOT) as usize, PAPER);
     canvas.text(
@@ -48,24 +48,24 @@ pub fn poster(mosaic: &Mosaic) -> Canvas {
         INK,
         &Canvas::truncated(&mosaic.source, 3, (width - 2 * MARGIN) as usize),
     );
-    for (i, line) in words.iter().enumerate() {
+    for (i, line) in lines.iter().enumerate() {
         canvas.text((MARGIN, MARGIN + 36 + 22 * i as i64), 2, SOFT, line);
     }
     for (i, (name, strip, pixels)) in strips.iter().enumerate() {
-        let left = MARGIN + i as i64 * (place + GAP) + (place - grid.width as i64) / 2;
+        let left = MARGIN + i as i64 * (column + GAP) + (column - grid.width as i64) / 2;
         canvas.text((left, head - 28), 2, INK, name);
         let bands = strip.image.bands;
         for (at, pixel) in pixels.chunks_exact(bands).enumerate() {
-            let color = if strip.from[at] == 0 {
+            let color = if strip.frame_numbers[at] == 0 {
                 EMPTY
             } else {
                 std::array::from_fn(|b| pixel[b.min(bands - 1)])
             };
             canvas.set(left + (at % grid.width) as i64, head + (at / grid.width) as i64, color);
         }
-        profile(&mut canvas, mosaic, strip, (left, head + grid.height as i64 + 22));
+        draw_profile(&mut canvas, mosaic, strip, (left, head + grid.height as i64 + 22));
     }
-    metre(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 30));
+    scale_bar(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 30));
     canvas
 }
 
@@ -75,7 +75,7 @@ fn title(mosaic: &Mosaic) -> String {
         mosaic.grid.height as f64 * mosaic.grid.m_per_px,
     );
     format!(
-        "{} frames over {:.1} x {:.1} m, {:.1} mm a pixel, unblended: a later frame covers an \
+        "{} frames over {:.1} x {:.1} m, {:.1} mm per pixel, unblended: a later frame covers an \
          earlier one",
         mosaic.frames.len(),
         size.0,
@@ -84,15 +84,17 @@ fn title(mosaic: &Mosaic) -> String {
     )
 }
 
-/// Mean light of every column over the strip's own mean, per band; NaN where too few pixels lie.
-pub fn across(strip: &Strip) -> Vec<Vec<f64>> {
+/// Mean light per column, relative to the mean of the strip, per band; NaN for columns with too few
+/// pixels.
+pub fn column_means(strip: &Strip) -> Vec<Vec<f64>> {
     let (width, height, bands) = (strip.image.width, strip.image.height, strip.image.bands);
-    let counts: Vec<usize> =
-        (0..width).map(|x| (0..height).filter(|y| strip.from[y * width + x] > 0).count()).collect();
-    let most = counts.iter().copied().max().unwrap_or(0);
-    let is_known = |x: usize| counts[x] as f64 >= (LEAST_SHARE * most as f64).max(1.0);
+    let counts: Vec<usize> = (0..width)
+        .map(|x| (0..height).filter(|y| strip.frame_numbers[y * width + x] > 0).count())
+        .collect();
+    let max = counts.iter().copied().max().unwrap_or(0);
+    let is_known = |x: usize| counts[x] as f64 >= (MIN_COVERED_SHARE * max as f64).max(1.0);
     let of_band = |b: usize| {
-        // Black where no frame lies adds nothing.
+        // Uncovered pixels are black and add nothing.
         let sums: Vec<f64> = (0..width)
             .map(|x| {
                 (0..height)
@@ -112,36 +114,36 @@ pub fn across(strip: &Strip) -> Vec<Vec<f64>> {
     (0..bands).map(of_band).collect()
 }
 
-/// Root mean square of a profile's way from 1, in per cent, over all bands.
+/// Root mean square deviation of the profiles from 1, over all bands [%].
 pub fn unevenness(profiles: &[Vec<f64>]) -> f64 {
     let all: Vec<f64> = profiles.iter().flatten().copied().filter(|v| v.is_finite()).collect();
     100.0 * (all.iter().map(|v| (v - 1.0).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt()
 }
 
-fn profile(canvas: &mut Canvas, mosaic: &Mosaic, strip: &Strip, (left, top): (i64, i64)) {
+fn draw_profile(canvas: &mut Canvas, mosaic: &Mosaic, strip: &Strip, (left, top): (i64, i64)) {
     let (width, grid) = (mosaic.grid.width as i64, &mosaic.grid);
-    let profiles = across(strip);
+    let profiles = column_means(strip);
     canvas.fill((left, top), (width, PROFILE), [255; 3]);
     let (from, to) = (0.0, 2.0);
     let row = |v: f64| top + PROFILE - ((v - from) / (to - from) * PROFILE as f64) as i64;
-    for (value, word) in ticks(from, to, 4) {
+    for (value, label) in ticks(from, to, 4) {
         canvas.fill((left, row(value)), (width, 1), if value == 1.0 { SOFT } else { EMPTY });
         canvas.text(
-            (left - 8 - Canvas::text_width(&word, 1) as i64, row(value) - 4),
+            (left - 8 - Canvas::text_width(&label, 1) as i64, row(value) - 4),
             1,
             INK,
-            &word,
+            &label,
         );
     }
     let metres = grid.width as f64 * grid.m_per_px;
-    for (value, word) in ticks(0.0, metres, ((width / 130) as usize).max(2)) {
+    for (value, label) in ticks(0.0, metres, ((width / 130) as usize).max(2)) {
         let x = left + (value / grid.m_per_px) as i64;
         canvas.fill((x, top + PROFILE), (1, 6), SOFT);
         canvas.text(
-            (x - Canvas::text_width(&word, 2) as i64 / 2, top + PROFILE + 10),
+            (x - Canvas::text_width(&label, 2) as i64 / 2, top + PROFILE + 10),
             2,
             INK,
-            &word,
+            &label,
         );
     }
     for (b, values) in profiles.iter().enumerate() {
@@ -160,18 +162,18 @@ fn profile(canvas: &mut Canvas, mosaic: &Mosaic, strip: &Strip, (left, top): (i6
         (left, top + PROFILE + 36),
         2,
         SOFT,
-        "across the track [m]; up: light over its mean",
+        "across the track [m]; vertical: light relative to its mean",
     );
     canvas.text(
         (left, top + PROFILE + 58),
         2,
         INK,
-        &format!("uneven by {:.1} % (rms)", unevenness(&profiles)),
+        &format!("deviation {:.1} % (rms)", unevenness(&profiles)),
     );
 }
 
-/// A round length to measure by.
-fn metre(canvas: &mut Canvas, m_per_px: f64, (x, y): (i64, i64)) {
+/// A scale bar of round length.
+fn scale_bar(canvas: &mut Canvas, m_per_px: f64, (x, y): (i64, i64)) {
     let length = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0]
         .into_iter()
         .rfind(|l| l / m_per_px < 320.0)

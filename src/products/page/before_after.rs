@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::super::display::{downscale, exposure, jpeg_uri, srgb_of_rendered, to_srgb};
 use super::super::dive::{CameraLog, CorrectedLog, messages_of};
-use super::super::pictures::{codes, codes_as_shown, downscale, exposure, jpeg_uri};
 use super::{Figure, SHOWN_SIDE, Seen};
 use crate::image::LinearImage;
 use crate::image::decode::{CameraResponse, decode};
@@ -30,8 +30,8 @@ pub fn figure(
     for record in camera.frames.iter().filter(|f| shown.contains(&f.log_time)) {
         let Some(after) = corrected.get(&record.log_time) else { continue };
         let uri = |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.shape(), QUALITY);
-        let Ok(after_uri) = uri(&codes_as_shown(after), after) else { continue };
-        let before_uri = raw.get(&record.log_time).and_then(|i| uri(&codes(i, brighter), i).ok());
+        let Ok(after_uri) = uri(&srgb_of_rendered(after), after) else { continue };
+        let before_uri = raw.get(&record.log_time).and_then(|i| uri(&to_srgb(i, brighter), i).ok());
         let title = format!(
             "{:.2} m above the floor, {}",
             record.altitude_m,

@@ -13,8 +13,8 @@ mod track;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::display::downscale;
 use super::dive::{CameraLog, CorrectedLog, Pictures};
-use super::pictures::downscale;
 use super::places::Places;
 use crate::error::{Error, Result};
 use crate::image::LinearImage;

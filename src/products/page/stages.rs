@@ -4,7 +4,7 @@
 //! All through the library's own correction. What takes no water away keeps its blue-green cast:
 //! raw and beam pattern alone get no white balance, the other two the balance of the whole log.
 
-use super::super::pictures::{codes, downscale, exposure, jpeg_uri};
+use super::super::display::{downscale, exposure, jpeg_uri, to_srgb};
 use super::Figure;
 use crate::config::{Method, WhiteBalance};
 use crate::image::LinearImage;
@@ -74,7 +74,7 @@ fn balance_of(gain: &[f64]) -> WhiteBalance {
 }
 
 fn tile(name: &str, image: &LinearImage, factor: f32) -> Result<String, String> {
-    let uri = jpeg_uri(&codes(image, factor), image.shape(), QUALITY)?;
+    let uri = jpeg_uri(&to_srgb(image, factor), image.shape(), QUALITY)?;
     let name = escape_markup(name);
     Ok(format!(
         "<div><img width=\"{}\" height=\"{}\" alt=\"{name}\" src=\"{uri}\"><p \

@@ -1,22 +1,22 @@
-//! Pictures made ready to be looked at: smaller, brightened by one factor, coded.
+//! Images for display: downscaled, scaled by one exposure factor, encoded.
 
 use base64::Engine as _;
 
 use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::image::{ImageShape, LinearImage, encode};
+use crate::stats::quantile;
 
-/// Light of the brightest that is shown [share of white], and which quantile of the picture that
-/// is.
+/// Display level of the bright end [share of white], and its quantile in the image.
 const BRIGHT_LEVEL: f64 = 0.75;
 const BRIGHT_QUANTILE: f64 = 0.995;
 
-/// Means over blocks of whole pixels, such that the longer side is no longer [px].
-pub fn downscale(image: &LinearImage, longest: usize) -> LinearImage {
-    let block = image.width.max(image.height).div_ceil(longest.max(1)).max(1);
+/// Means over blocks of whole pixels, with the longer side at most `max_side_px`.
+pub fn downscale(image: &LinearImage, max_side_px: usize) -> LinearImage {
+    let block = image.width.max(image.height).div_ceil(max_side_px.max(1)).max(1);
     if block == 1 {
         return image.clone();
     }
-    // Rows and columns that fill no block are left off.
+    // Rows and columns that do not fill a block are dropped.
     let (width, height) = ((image.width / block).max(1), (image.height / block).max(1));
     let mut out = LinearImage::new(width, height, image.bands);
     let area = (block * block) as f32;
@@ -30,11 +30,11 @@ pub fn downscale(image: &LinearImage, longest: usize) -> LinearImage {
     out
 }
 
-/// The picture at a width [px], each pixel the mean of what it covers.
+/// The image resampled to a width [px], each pixel the area-weighted mean of what it covers.
 pub fn scaled(image: &LinearImage, width: usize) -> LinearImage {
     let height = (image.height * width).div_ceil(image.width.max(1)).max(1);
-    let across = covers(image.width, width);
-    let down = covers(image.height, height);
+    let across = coverage(image.width, width);
+    let down = coverage(image.height, height);
     let bands = image.bands;
     let mut out = LinearImage::new(width, height, bands);
     for (target, (first, weights)) in out.pixels.chunks_exact_mut(width * bands).zip(&down) {
@@ -53,8 +53,9 @@ pub fn scaled(image: &LinearImage, width: usize) -> LinearImage {
     out
 }
 
-/// Of each of `to` pixels along a side of `from`: the first it covers, and the share of each.
-fn covers(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
+/// For each of `to` pixels along a side of `from`: the first pixel it covers, and the weight of
+/// each.
+fn coverage(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     let ratio = from as f64 / to as f64;
     let of = |i: usize| {
         let (start, end) = (i as f64 * ratio, ((i + 1) as f64 * ratio).min(from as f64));
@@ -68,36 +69,31 @@ fn covers(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     (0..to).map(of).collect()
 }
 
-/// The factor that brings pictures' bright end to a level that can be looked at.
+/// The factor that scales the bright end of the images to [`BRIGHT_LEVEL`].
 pub fn exposure<'i>(images: impl Iterator<Item = &'i LinearImage>) -> f32 {
-    let mut brightest: Vec<f32> = images
+    let brightest: Vec<f64> = images
         .flat_map(|i| i.pixels.chunks_exact(i.bands))
-        .map(|p| p.iter().copied().fold(0.0, f32::max))
-        .filter(|v| v.is_finite())
+        .map(|p| f64::from(p.iter().copied().fold(0.0, f32::max)))
         .collect();
-    if brightest.is_empty() {
-        return 1.0;
-    }
-    let index = ((brightest.len() - 1) as f64 * BRIGHT_QUANTILE).round() as usize;
-    let bright = *brightest.select_nth_unstable_by(index, f32::total_cmp).1;
+    let bright = quantile(&brightest, BRIGHT_QUANTILE) as f32;
     if bright > 0.0 { BRIGHT_LEVEL as f32 / bright } else { 1.0 }
 }
 
-/// 8-bit codes of light times a factor; the upper end is bent, not cut off.
-pub fn codes(image: &LinearImage, factor: f32) -> Vec<u8> {
+/// 8-bit sRGB values of light times a factor, with highlight compression.
+pub fn to_srgb(image: &LinearImage, factor: f32) -> Vec<u8> {
     let srgb = SrgbTable::new(Shoulder { knee: BRIGHT_LEVEL });
     image.pixels.iter().map(|v| srgb.encode(v * factor)).collect()
 }
 
-/// 8-bit codes of light that has been through a shoulder already.
-pub fn codes_as_shown(image: &LinearImage) -> Vec<u8> {
+/// 8-bit sRGB values of light whose highlights are already compressed.
+pub fn srgb_of_rendered(image: &LinearImage) -> Vec<u8> {
     let srgb = SrgbTable::new(Shoulder { knee: 1.0 });
     image.pixels.iter().map(|v| srgb.encode(*v)).collect()
 }
 
-/// A JPEG inside of a page.
-pub fn jpeg_uri(codes: &[u8], shape: ImageShape, quality: u8) -> Result<String, String> {
-    let jpeg = encode::jpeg(codes, shape, quality, true)?;
+/// A JPEG as a data URI.
+pub fn jpeg_uri(samples: &[u8], shape: ImageShape, quality: u8) -> Result<String, String> {
+    let jpeg = encode::jpeg(samples, shape, quality, true)?;
     Ok(format!("data:image/jpeg;base64,{}", base64::engine::general_purpose::STANDARD.encode(jpeg)))
 }
 
@@ -106,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn blocks_are_means_and_odd_ends_are_left_off() {
+    fn block_means_and_partial_blocks() {
         let mut image = LinearImage::new(5, 4, 3);
         image
             .pixels
