@@ -12,7 +12,8 @@
 use crate::coordinates::{Body, Direction, Point};
 use crate::vehicle::{Camera, Lamps, MAX_LAMPS, Rig};
 
-use super::{SeafloorPlane, Terrain};
+use super::plane::SeafloorPlane;
+use super::terrain::Terrain;
 
 /// Cosine of the angle between a ray and the seafloor normal below which the ray is grazing: the
 /// seafloor where it meets the plane is unknown.

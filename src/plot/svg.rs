@@ -233,26 +233,10 @@ impl Plot {
         self.inside.insert_str(0, &rect);
     }
 
-    /// The plot as an `<svg>` element. `id` must be unique within the page.
-    pub fn into_svg(self, id: &str) -> String {
-        let (fw, fh) = self.field;
-        let legend_height = if self.legend.is_empty() {
-            0.0
-        } else {
-            20.0 * self.legend.len().div_ceil(3) as f64 + 6.0
-        };
-        let width = LEFT + fw + RIGHT + if self.bar.is_some() { BAR } else { 0.0 };
-        let height = TOP + fh + BOTTOM + legend_height;
-        let mut out = format!(
-            "<svg class=\"plot\" id=\"{id}\" viewBox=\"0 0 {width:.0} {height:.0}\" \
-             style=\"max-width:{:.0}px\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">",
-            width * 1.3,
-            escape_markup(&self.description)
-        );
+    /// Grid lines, ticks and labels of both axes.
+    fn axes(&self) -> String {
+        let ((fw, fh), mut out) = (self.field, String::new());
         let mut put = |text: String| out.push_str(&text);
-        put(format!(
-            "<rect class=\"field\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{fw:.1}\" height=\"{fh:.1}\"/>"
-        ));
         for (value, label) in
             ticks(self.x.from.min(self.x.to), self.x.from.max(self.x.to), (fw / 75.0) as usize)
         {
@@ -281,11 +265,10 @@ impl Plot {
                 minus(&label)
             ));
         }
-        let bottom = TOP + fh;
         put(format!(
             "<text class=\"label\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
             LEFT + fw / 2.0,
-            bottom + 40.0,
+            TOP + fh + 40.0,
             escape_markup(&self.x.label)
         ));
         let middle = TOP + fh / 2.0;
@@ -294,6 +277,31 @@ impl Plot {
              text-anchor=\"middle\">{}</text>",
             escape_markup(&self.y.label)
         ));
+        out
+    }
+
+    /// The plot as an `<svg>` element. `id` must be unique within the page.
+    pub fn into_svg(self, id: &str) -> String {
+        let (fw, fh) = self.field;
+        let legend_height = if self.legend.is_empty() {
+            0.0
+        } else {
+            20.0 * self.legend.len().div_ceil(3) as f64 + 6.0
+        };
+        let width = LEFT + fw + RIGHT + if self.bar.is_some() { BAR } else { 0.0 };
+        let height = TOP + fh + BOTTOM + legend_height;
+        let mut out = format!(
+            "<svg class=\"plot\" id=\"{id}\" viewBox=\"0 0 {width:.0} {height:.0}\" \
+             style=\"max-width:{:.0}px\" tabindex=\"0\" role=\"group\" aria-label=\"{}\">",
+            width * 1.3,
+            escape_markup(&self.description)
+        );
+        let mut put = |text: String| out.push_str(&text);
+        put(format!(
+            "<rect class=\"field\" x=\"{LEFT}\" y=\"{TOP}\" width=\"{fw:.1}\" height=\"{fh:.1}\"/>"
+        ));
+        put(self.axes());
+        let bottom = TOP + fh;
         put(format!(
             "<clipPath id=\"{id}-f\"><rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" \
              height=\"{:.1}\"/></clipPath>",

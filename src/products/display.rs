@@ -10,6 +10,13 @@ use crate::stats::quantile;
 const BRIGHT_LEVEL: f64 = 0.75;
 const BRIGHT_QUANTILE: f64 = 0.995;
 
+/// Colours of sheets and posters [sRGB]: background, text, secondary text, no data, and bands.
+pub const PAPER: [u8; 3] = [250, 250, 248];
+pub const INK: [u8; 3] = [28, 33, 38];
+pub const SOFT: [u8; 3] = [100, 110, 118];
+pub const EMPTY: [u8; 3] = [224, 227, 228];
+pub const BANDS: [[u8; 3]; 3] = [[192, 48, 40], [31, 128, 68], [42, 95, 192]];
+
 /// Means over blocks of whole pixels, with the longer side at most `max_side_px`.
 pub fn downscale(image: &LinearImage, max_side_px: usize) -> LinearImage {
     let block = image.width.max(image.height).div_ceil(max_side_px.max(1)).max(1);

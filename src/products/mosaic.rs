@@ -4,7 +4,7 @@
 //!
 //! The trajectory is from odometry, or from DVL velocities and attitude; where the log has neither,
 //! from keypoint matches between frames. Each frame is projected by its own seafloor plane,
-//! orthogonal to the horizontal.
+//! orthographically from above.
 
 mod by_matches;
 mod geotiff;
@@ -14,7 +14,7 @@ mod poster;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::dive::{CameraLog, CorrectedLog, Pictures};
 use super::places::{Places, placed};
@@ -25,24 +25,13 @@ use crate::recording::Window;
 use crate::run::bench::{Bench, BenchFrame};
 use crate::session::Options;
 use crate::units::Stamp;
-pub use grid::{Grid, Strip};
+use poster::Poster;
+
+pub use grid::{Grid, PlacedFrame, Strip};
 
 /// Maximum number of frames, and the default without -S and -E.
 const MAX_FRAMES: usize = 400;
 const DEFAULT_FRAMES: usize = 60;
-
-/// A frame with its pose.
-#[derive(Clone, Copy, Debug)]
-pub struct PlacedFrame {
-    /// log time [ns]
-    pub log_time: u64,
-    /// time of the image
-    pub stamp: Stamp,
-    /// pose in a world with z up [m]
-    pub world_from_body: Isometry3<f64>,
-    /// seafloor plane in body space
-    pub plane: SeafloorPlane,
-}
 
 /// A mosaic of the seafloor.
 pub struct Mosaic {
@@ -128,13 +117,16 @@ impl Mosaic {
     /// # Errors
     /// The encoder's message.
     pub fn png(&self) -> std::result::Result<Vec<u8>, String> {
-        poster::poster(self).png()
+        let Self { source, notes, grid, .. } = self;
+        let (raw, corrected, frames) = (self.raw.as_ref(), &self.corrected, self.frames.len());
+        Poster { source, notes, grid, frames, raw, corrected }.draw().png()
     }
 
     /// The corrected strip as a GeoTIFF, north up; `None` without
     /// [`MosaicOptions::is_georeferenced`].
     pub fn tiff(&self) -> Option<Vec<u8>> {
-        self.georeference.as_ref().map(|georeference| geotiff::encode(self, georeference))
+        let georeference = self.georeference.as_ref()?;
+        Some(geotiff::encode(&self.source, &self.grid, &self.corrected, georeference))
     }
 }
 

@@ -8,7 +8,7 @@ mod scatter;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use super::display::{downscale, exposure, scaled, to_srgb};
+use super::display::{INK, PAPER, SOFT, downscale, exposure, scaled, to_srgb};
 use super::match_frames;
 use crate::config::Method;
 use crate::correct::{MeanFrames, apply_baseline};
@@ -64,10 +64,6 @@ const COLUMNS: usize = 4;
 /// Height of the text above an image, and of the sheet's header [px].
 const CAPTION: i64 = 50;
 const HEAD: i64 = 100;
-
-const PAPER: [u8; 3] = [250, 250, 248];
-const INK: [u8; 3] = [28, 33, 38];
-const SOFT: [u8; 3] = [100, 110, 118];
 
 /// A tile: name, description, and the methods applied in order; none for raw.
 struct Tile {

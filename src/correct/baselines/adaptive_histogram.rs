@@ -2,7 +2,7 @@
 //! "Contrast limited adaptive histogram equalization"), per band on 8-bit sRGB values, identical to
 //! OpenCV's `createCLAHE`.
 
-use super::MIN_LIGHT;
+use super::common::MIN_LIGHT;
 use crate::image::LinearImage;
 use crate::image::transfer::{Shoulder, SrgbTable, Transfer};
 use crate::stats::quantile;

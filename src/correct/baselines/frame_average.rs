@@ -6,7 +6,7 @@
 //!
 //! Valid at constant altitude over homogeneous seafloor; path lengths are ignored.
 
-use super::MEAN_LEVEL;
+use super::common::MEAN_LEVEL;
 use crate::image::LinearImage;
 
 /// Sum of frames.

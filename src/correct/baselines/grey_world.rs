@@ -1,7 +1,7 @@
 //! Baseline: grey world, per frame (paper §III-D, Eq. 13 with uniform illumination; Buchsbaum 1980,
 //! "A spatial processor model for object colour perception").
 
-use super::{MEAN_LEVEL, MIN_LIGHT};
+use super::common::{MEAN_LEVEL, MIN_LIGHT};
 use crate::image::LinearImage;
 
 /// Scales every band to the same mean.
@@ -18,7 +18,7 @@ pub fn balance(image: &mut LinearImage) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::pattern;
+    use super::super::common::tests::pattern;
 
     /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `a * .25 / a.mean((0,
     /// 1))` at [5, 7].

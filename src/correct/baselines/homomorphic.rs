@@ -8,7 +8,7 @@
 //! Low spatial frequencies of the seafloor are removed with the illumination, and sharp edges get
 //! haloes. The Gaussian is applied to block means, since it is much wider than the blocks.
 
-use super::{MEAN_LEVEL, MIN_LIGHT, log_blocks};
+use super::common::{MEAN_LEVEL, MIN_LIGHT, log_blocks};
 use crate::image::LinearImage;
 
 /// Standard deviation of the low-pass [share of the longer side]; about the size of a strobe's
@@ -70,7 +70,7 @@ fn blurred(values: &[f64], columns: usize, rows: usize, sigma: f64) -> Vec<f64> 
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::pattern;
+    use super::super::common::tests::pattern;
 
     /// SciPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `np.exp(np.log(a) -
     /// scipy.ndimage.gaussian_filter(np.log(a), (31 / 8, 31 / 8, 0))) * .25` at [5, 7] and [22,

@@ -4,7 +4,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{MEAN_LEVEL, MIN_LIGHT, log_blocks};
+use super::common::{MEAN_LEVEL, MIN_LIGHT, log_blocks};
 use crate::image::LinearImage;
 
 /// Order of the polynomial; four represents one bright spot off the centre.
@@ -50,7 +50,7 @@ fn terms(x: f64, y: f64, width: usize, height: usize) -> [f64; TERMS] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::pattern;
+    use super::super::common::tests::pattern;
 
     /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `u, v = x / 15 - 1, y /
     /// 11 - 1`; `A = np.stack([u**i * v**j for i in range(5) for j in range(5 - i)],

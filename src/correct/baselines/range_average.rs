@@ -7,8 +7,7 @@
 
 use std::collections::BTreeMap;
 
-use super::FrameAverage;
-use super::frame_average::divide_by;
+use super::frame_average::{FrameAverage, divide_by};
 use crate::image::LinearImage;
 
 /// Width of a bin [m]. Light changes by up to 10 % within a wider bin; a narrower one has too few
@@ -51,7 +50,7 @@ fn bin(camera_altitude_m: f64) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{MEAN_LEVEL, tests::pattern};
+    use super::super::common::{MEAN_LEVEL, tests::pattern};
     use super::*;
 
     /// Frames of a bin are divided by the mean of that bin, frames between bins by the nearest.

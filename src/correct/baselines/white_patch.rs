@@ -1,7 +1,7 @@
 //! Baseline: white patch, per frame (paper §III-D; Land & McCann 1971, "Lightness and retinex
 //! theory"). White is a high quantile of each band, as the maximum is a reflection or noise.
 
-use super::{MIN_LIGHT, WHITE_LEVEL};
+use super::common::{MIN_LIGHT, WHITE_LEVEL};
 use crate::image::LinearImage;
 use crate::stats::quantile;
 
@@ -26,7 +26,7 @@ pub fn balance(image: &mut LinearImage) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::pattern;
+    use super::super::common::tests::pattern;
 
     /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3;
     /// `a * .9 / np.quantile(a, .99, axis=(0, 1), method='nearest')` at [5, 7].

@@ -3,7 +3,7 @@
 //! Over some tens of metres degrees are uniform, so that no map projection is needed.
 
 use super::by_matches::{Pair, Rigid};
-use super::{Mosaic, PlacedFrame};
+use super::grid::{Grid, PlacedFrame, Strip};
 use crate::error::{Error, Result};
 use crate::products::display::srgb_of_rendered;
 use crate::products::places::{Fix, M_PER_DEG, Places, east_north, fix_at};
@@ -107,8 +107,7 @@ impl Value {
 }
 
 /// The contents of the file.
-pub fn encode(mosaic: &Mosaic, georeference: &Georeference) -> Vec<u8> {
-    let (grid, strip) = (&mosaic.grid, &mosaic.corrected);
+pub fn encode(source: &str, grid: &Grid, strip: &Strip, georeference: &Georeference) -> Vec<u8> {
     let samples = srgb_of_rendered(&strip.image);
     let bands = strip.image.bands;
     let pixel = |(i, p): (usize, &[u8])| {
@@ -124,8 +123,8 @@ pub fn encode(mosaic: &Mosaic, georeference: &Georeference) -> Vec<u8> {
     let north =
         georeference.origin.latitude + (grid.corner[1] + georeference.translation[1]) * scale[1];
     let description = format!(
-        "{}; georeferenced by {}, {:.2} m rms residual",
-        mosaic.source, georeference.topic, georeference.residual_m
+        "{source}; georeferenced by {}, {:.2} m rms residual",
+        georeference.topic, georeference.residual_m
     );
     let (width, height) = (grid.width as u32, grid.height as u32);
     // Tags in ascending order. GeoKeys: geographic, pixel is area, WGS 84.

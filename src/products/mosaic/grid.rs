@@ -3,15 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
-use super::PlacedFrame;
 use crate::error::Result;
-use crate::geometry::View;
+use crate::geometry::{SeafloorPlane, View};
 use crate::image::LinearImage;
 use crate::products::display::downscale;
 use crate::run::bench::{Bench, BenchFrame};
 use crate::stats::median;
+use crate::units::Stamp;
 use crate::vehicle::{Camera, Rig};
 
 /// Maximum size of a strip, in all and along its longer side [px].
@@ -24,6 +24,19 @@ const REACH: f64 = 2.2;
 const MIN_VERTICAL: f64 = 0.2;
 /// Intervals of the pixel grid per side that determines the extent of a frame.
 const INTERVALS: usize = 12;
+
+/// A frame with its pose.
+#[derive(Clone, Copy, Debug)]
+pub struct PlacedFrame {
+    /// log time [ns]
+    pub log_time: u64,
+    /// time of the image
+    pub stamp: Stamp,
+    /// pose in a world with z up [m]
+    pub world_from_body: Isometry3<f64>,
+    /// seafloor plane in body space
+    pub plane: SeafloorPlane,
+}
 
 /// Pixels of the mosaic ⇄ world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]

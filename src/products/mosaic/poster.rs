@@ -1,9 +1,11 @@
 //! The mosaic as a poster: raw and corrected side by side with a scale bar, each with its radiance
 //! profile across the track, which blending would hide (paper, Fig. 11).
 
-use super::{Mosaic, Strip};
+use super::grid::{Grid, Strip};
 use crate::plot::{Canvas, ticks};
-use crate::products::display::{exposure, srgb_of_rendered, to_srgb};
+use crate::products::display::{
+    BANDS, EMPTY, INK, PAPER, SOFT, exposure, srgb_of_rendered, to_srgb,
+};
 
 const MARGIN: i64 = 28;
 const GAP: i64 = 40;
@@ -18,70 +20,81 @@ const SMOOTH: f64 = 0.01;
 /// Columns with fewer covered pixels than this share of the fullest column have no mean.
 const MIN_COVERED_SHARE: f64 = 0.05;
 
-const PAPER: [u8; 3] = [250, 250, 248];
-const INK: [u8; 3] = [28, 33, 38];
-const SOFT: [u8; 3] = [100, 110, 118];
-const EMPTY: [u8; 3] = [224, 227, 228];
-const BANDS: [[u8; 3]; 3] = [[192, 48, 40], [31, 128, 68], [42, 95, 192]];
-
-pub fn poster(mosaic: &Mosaic) -> Canvas {
-    let grid = &mosaic.grid;
-    let mut strips: Vec<(String, &Strip, Vec<u8>)> = Vec::new();
-    if let Some(raw) = &mosaic.raw {
-        let factor = exposure(std::iter::once(&raw.image));
-        strips.push((format!("raw, brightened x {factor:.1}"), raw, to_srgb(&raw.image, factor)));
-    }
-    strips.push(("corrected".into(), &mosaic.corrected, srgb_of_rendered(&mosaic.corrected.image)));
-    let column = (grid.width as i64).max(MIN_WIDTH);
-    let count = strips.len() as i64;
-    let width = 2 * MARGIN + count * column + (count - 1) * GAP;
-    let lines: Vec<String> = std::iter::once(title(mosaic))
-        .chain(mosaic.notes.iter().cloned())
-        .flat_map(|w| Canvas::wrapped(&w, 2, (width - 2 * MARGIN) as usize))
-        .collect();
-    let head = HEAD.max(MARGIN + 40 + 22 * lines.len() as i64 + 46);
-    let mut canvas =
-        Canvas::new(width as usize, (head + grid.height as i64 + FOOT) as usize, PAPER);
-    canvas.text(
-        (MARGIN, MARGIN),
-        3,
-        INK,
-        &Canvas::truncated(&mosaic.source, 3, (width - 2 * MARGIN) as usize),
-    );
-    for (i, line) in lines.iter().enumerate() {
-        canvas.text((MARGIN, MARGIN + 36 + 22 * i as i64), 2, SOFT, line);
-    }
-    for (i, (name, strip, pixels)) in strips.iter().enumerate() {
-        let left = MARGIN + i as i64 * (column + GAP) + (column - grid.width as i64) / 2;
-        canvas.text((left, head - 28), 2, INK, name);
-        let bands = strip.image.bands;
-        for (at, pixel) in pixels.chunks_exact(bands).enumerate() {
-            let color = if strip.frame_numbers[at] == 0 {
-                EMPTY
-            } else {
-                std::array::from_fn(|b| pixel[b.min(bands - 1)])
-            };
-            canvas.set(left + (at % grid.width) as i64, head + (at / grid.width) as i64, color);
-        }
-        draw_profile(&mut canvas, mosaic, strip, (left, head + grid.height as i64 + 22));
-    }
-    scale_bar(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 30));
-    canvas
+/// Contents of a poster.
+pub struct Poster<'m> {
+    pub source: &'m str,
+    pub notes: &'m [String],
+    pub grid: &'m Grid,
+    /// number of frames
+    pub frames: usize,
+    pub raw: Option<&'m Strip>,
+    pub corrected: &'m Strip,
 }
 
-fn title(mosaic: &Mosaic) -> String {
-    let size = (
-        mosaic.grid.width as f64 * mosaic.grid.m_per_px,
-        mosaic.grid.height as f64 * mosaic.grid.m_per_px,
-    );
-    format!(
-        "{} frames over {:.1} x {:.1} m, {:.1} mm per pixel, unblended: a later frame covers an \
+impl Poster<'_> {
+    pub fn draw(&self) -> Canvas {
+        let grid = self.grid;
+        let mut strips: Vec<(String, &Strip, Vec<u8>)> = Vec::new();
+        if let Some(raw) = self.raw {
+            let factor = exposure(std::iter::once(&raw.image));
+            strips.push((
+                format!("raw, brightened x {factor:.1}"),
+                raw,
+                to_srgb(&raw.image, factor),
+            ));
+        }
+        strips.push(("corrected".into(), self.corrected, srgb_of_rendered(&self.corrected.image)));
+        let column = (grid.width as i64).max(MIN_WIDTH);
+        let count = strips.len() as i64;
+        let width = 2 * MARGIN + count * column + (count - 1) * GAP;
+        let lines: Vec<String> = std::iter::once(self.title())
+            .chain(self.notes.iter().cloned())
+            .flat_map(|w| Canvas::wrapped(&w, 2, (width - 2 * MARGIN) as usize))
+            .collect();
+        let head = HEAD.max(MARGIN + 40 + 22 * lines.len() as i64 + 46);
+        let mut canvas =
+            Canvas::new(width as usize, (head + grid.height as i64 + FOOT) as usize, PAPER);
+        canvas.text(
+            (MARGIN, MARGIN),
+            3,
+            INK,
+            &Canvas::truncated(self.source, 3, (width - 2 * MARGIN) as usize),
+        );
+        for (i, line) in lines.iter().enumerate() {
+            canvas.text((MARGIN, MARGIN + 36 + 22 * i as i64), 2, SOFT, line);
+        }
+        for (i, (name, strip, pixels)) in strips.iter().enumerate() {
+            let left = MARGIN + i as i64 * (column + GAP) + (column - grid.width as i64) / 2;
+            canvas.text((left, head - 28), 2, INK, name);
+            let bands = strip.image.bands;
+            for (at, pixel) in pixels.chunks_exact(bands).enumerate() {
+                let color = if strip.frame_numbers[at] == 0 {
+                    EMPTY
+                } else {
+                    std::array::from_fn(|b| pixel[b.min(bands - 1)])
+                };
+                canvas.set(left + (at % grid.width) as i64, head + (at / grid.width) as i64, color);
+            }
+            draw_profile(&mut canvas, grid, strip, (left, head + grid.height as i64 + 22));
+        }
+        scale_bar(&mut canvas, grid.m_per_px, (MARGIN, head + grid.height as i64 + FOOT - 30));
+        canvas
+    }
+
+    fn title(&self) -> String {
+        let size = (
+            self.grid.width as f64 * self.grid.m_per_px,
+            self.grid.height as f64 * self.grid.m_per_px,
+        );
+        format!(
+            "{} frames over {:.1} x {:.1} m, {:.1} mm per pixel, unblended: a later frame covers an \
          earlier one",
-        mosaic.frames.len(),
-        size.0,
-        size.1,
-        1000.0 * mosaic.grid.m_per_px
-    )
+            self.frames,
+            size.0,
+            size.1,
+            1000.0 * self.grid.m_per_px
+        )
+    }
 }
 
 /// Mean light per column, relative to the mean of the strip, per band; NaN for columns with too few
@@ -120,8 +133,8 @@ pub fn unevenness(profiles: &[Vec<f64>]) -> f64 {
     100.0 * (all.iter().map(|v| (v - 1.0).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt()
 }
 
-fn draw_profile(canvas: &mut Canvas, mosaic: &Mosaic, strip: &Strip, (left, top): (i64, i64)) {
-    let (width, grid) = (mosaic.grid.width as i64, &mosaic.grid);
+fn draw_profile(canvas: &mut Canvas, grid: &Grid, strip: &Strip, (left, top): (i64, i64)) {
+    let width = grid.width as i64;
     let profiles = column_means(strip);
     canvas.fill((left, top), (width, PROFILE), [255; 3]);
     let (from, to) = (0.0, 2.0);

@@ -1,15 +1,15 @@
 //! The same points in two frames after one method: scatter plot of log light, and its width.
 //!
 //! ```text
-//! scatter = 1.4826 · median |d − median d| / √2,  d = ln a − ln b      light of one point in two frames
+//! scatter = 1.4826 · median |d − median d| / √2,  d = ln a − ln b   light of a point in two frames
 //! ```
 //!
 //! also divided by the spread between points, since a loss of contrast reduces both. The median of
 //! d, the difference between the frames, is reported separately.
 
-use super::{ComparedFrame, INK, SOFT};
 use crate::image::LinearImage;
 use crate::plot::{Canvas, ticks};
+use crate::products::display::{BANDS, INK, SOFT};
 use crate::stats::{lower_quantile, median, robust_std};
 
 /// Pixels of the same points in this frame and in another.
@@ -22,7 +22,6 @@ const SIDE: i64 = 176;
 const REACH: i64 = 2;
 /// Maximum number of points drawn.
 const MAX_DRAWN: usize = 900;
-const BANDS: [[u8; 3]; 3] = [[192, 48, 40], [31, 128, 68], [42, 95, 192]];
 
 /// Raw images and limits that decide whether a pixel is neither too dark nor clipped.
 pub struct Usable<'u> {
@@ -70,12 +69,12 @@ fn local_mean(image: &LinearImage, (u, v): (f64, f64)) -> Option<[f32; 3]> {
 impl Agreement {
     /// `scale` is the ratio of pixels of `here` to pixels of the keypoints; `apply` processes
     /// another frame.
-    pub fn of(
+    pub fn of<F>(
         here: &LinearImage,
         scale: f64,
         usable: &Usable<'_>,
-        others: &[(&ComparedFrame, Pairs)],
-        apply: impl Fn(&ComparedFrame) -> LinearImage,
+        others: &[(F, Pairs)],
+        apply: impl Fn(&F) -> LinearImage,
     ) -> Self {
         let bands = here.bands;
         let mut points = Vec::new();
