@@ -84,8 +84,8 @@ fn dvl_checks(dvl: &DvlFacts) -> [(bool, &'static str); 8] {
         ),
         (
             dvl.sound_speed_ratio.is_none_or(|r| (0.8..1.25).contains(&r)),
-            "dvl.sound_speed_ratio must lie in 0.8 to 1.25: it is the actual speed of sound divided \
-             by the one configured in the instrument",
+            "dvl.sound_speed_ratio must lie in 0.8 to 1.25: it is the actual speed of sound \
+             divided by the one configured in the instrument",
         ),
         (in_order, "dvl.min_range_m must be below dvl.max_range_m"),
         (dvl.unit_m.is_none_or(|u| u > 0.0), "dvl.unit_m must be above 0"),

@@ -87,8 +87,8 @@ impl Poster<'_> {
             self.grid.height as f64 * self.grid.m_per_px,
         );
         format!(
-            "{} frames over {:.1} x {:.1} m, {:.1} mm per pixel, unblended: a later frame covers an \
-         earlier one",
+            "{} frames over {:.1} x {:.1} m, {:.1} mm per pixel, unblended: a later frame covers \
+         an earlier one",
             self.frames,
             size.0,
             size.1,
