@@ -8,6 +8,7 @@
 mod camera;
 mod clock;
 mod estimate;
+mod mosaic;
 mod mounts;
 mod ranges;
 mod recording;
@@ -20,6 +21,7 @@ use serde::{Deserialize, Serialize, Serializer};
 pub use camera::CameraFact;
 pub use clock::{ClockFact, OffsetUnknown};
 pub use estimate::{EstimateFact, NoAnswer, NotIdentified};
+pub use mosaic::MosaicFact;
 pub use mounts::MountFact;
 pub use ranges::RangeFact;
 pub use recording::LogFact;
@@ -173,6 +175,7 @@ families!(
     MountFact,
     RangeFact,
     LogFact,
+    MosaicFact,
     EstimateFact,
     NotIdentified,
     NoAnswer,
@@ -302,6 +305,7 @@ mod tests {
         all.extend(ClockFact::each().into_iter().map(Diagnostic::from));
         all.extend(MountFact::each().into_iter().map(Diagnostic::from));
         all.extend(RangeFact::each().into_iter().map(Diagnostic::from));
+        all.extend(MosaicFact::each().into_iter().map(Diagnostic::from));
         all.extend(LogFact::each().into_iter().map(Diagnostic::from));
         all.extend(EstimateFact::each().into_iter().map(Diagnostic::from));
         all.extend(NotIdentified::each().into_iter().map(Diagnostic::from));

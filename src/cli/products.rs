@@ -86,7 +86,7 @@ pub fn mosaic(args: &MosaicArgs) -> Result<Ended> {
     };
     write_whole(&args.output, &bytes)?;
     if !args.run.quiet {
-        laid.notes.iter().for_each(|note| eprintln!("note: {note}"));
+        laid.diagnostics.iter().for_each(|d| eprintln!("note: {d}"));
     }
     args.run.written(&args.output);
     Ok(Ended::Done)

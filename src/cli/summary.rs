@@ -35,9 +35,7 @@ pub fn summary(
     }
     let source = if given { ", from the model given" } else { "" };
     line("attenuation", &format!("{}{source}", attenuation(model, paint)));
-    if let Some(strobe) =
-        model.strobe.as_ref().filter(|s| s.source == "found" || s.source == "refined")
-    {
+    if let Some(strobe) = model.strobe.as_ref().filter(|s| s.source.is_estimated()) {
         let [x, y, z] = strobe.position_in_optical_m;
         let std = strobe.position_std_m.map_or_else(String::new, |s| {
             format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt())

@@ -16,7 +16,7 @@ use crate::diagnostics::MountFact;
 use crate::model::BeamGrid;
 use crate::solver::terms::geometry::strobe_position;
 use crate::solver::{Minimum, Problem, SETTLED, Setup, Track, minimize, sample_path, thinned};
-use crate::vehicle::Lamps;
+use crate::vehicle::{Lamps, StrobeSource};
 
 /// Places tried around the camera before the search begins [m].
 const FIRST_RING_M: f64 = 0.6;
@@ -42,7 +42,7 @@ pub struct StrobePlacement {
     /// its mount
     pub lamps: Lamps,
     /// `found` or `refined`, where it was searched for and taken
-    pub source: Option<&'static str>,
+    pub source: Option<StrobeSource>,
     /// the search, where there was one
     pub search: Option<StrobeFit>,
     /// why the position is not to be trusted
@@ -106,8 +106,8 @@ pub fn place_strobe(
         warning: None,
     };
     match choice {
-        StrobePosition::Find if is_sure => take("found"),
-        StrobePosition::Refine if is_sure => take("refined"),
+        StrobePosition::Find if is_sure => take(StrobeSource::Found),
+        StrobePosition::Refine if is_sure => take(StrobeSource::Refined),
         StrobePosition::Find | StrobePosition::Refine => kept(unknown(), Some(found)),
         _ if is_sure
             && found.moved_m > CONTRADICTION_M.max(3.0 * std)

@@ -13,6 +13,7 @@ use super::{
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
+use crate::vehicle::StrobeSource;
 
 /// The value of `format`.
 pub const FORMAT: &str = "unwater-model";
@@ -111,7 +112,7 @@ pub struct StrobeFile {
     pub rotation_xyzw: [f64; 4],
     /// the TF frame or file it came from, or `found`, `refined`, `camera` (nothing better was
     /// known)
-    pub source: String,
+    pub source: StrobeSource,
     /// standard deviation of the place along the vehicle's axes, where it was searched for [m]
     pub position_std_m: Option<[f64; 3]>,
     /// from where the search began to where it ended [m]

@@ -18,6 +18,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::dive::{CameraLog, CorrectedLog, Pictures};
 use super::places::{Places, placed};
+use crate::diagnostics::{Diagnostic, MosaicFact};
 use crate::error::{Error, Result};
 use crate::geometry::SeafloorPlane;
 use crate::image::LinearImage;
@@ -40,7 +41,7 @@ pub struct Mosaic {
     /// the frames, in time order
     pub frames: Vec<PlacedFrame>,
     /// source of the poses, and what was left out
-    pub notes: Vec<String>,
+    pub diagnostics: Vec<Diagnostic>,
     /// pixels ⇄ metres
     pub grid: Grid,
     /// from the raw images, where the log has them
@@ -71,14 +72,14 @@ pub fn mosaic(log: &CorrectedLog, wanted: &MosaicOptions, options: &Options) -> 
     }
     let raw = log.bench(camera, Pictures::Raw, options).ok();
     let window = options.window.unwrap_or(Window::ALL);
-    let mut notes = Vec::new();
-    let frames = select_frames(&corrected, camera, options.window.is_some(), &mut notes);
+    let mut diagnostics = Vec::new();
+    let frames = select_frames(&corrected, camera, options.window.is_some(), &mut diagnostics);
     if frames.is_empty() {
         return Err(Error::Image("there is no corrected frame in this window of the log".into()));
     }
     let places = Places::read(&log.recording, window);
     let (mut placed_frames, has_attitude) =
-        place_frames(raw.as_ref().unwrap_or(&corrected), &frames, &places, &mut notes)?;
+        place_frames(raw.as_ref().unwrap_or(&corrected), &frames, &places, &mut diagnostics)?;
 
     let georeference = if wanted.is_georeferenced {
         Some(geotiff::georeference(&placed_frames, &places, has_attitude)?)
@@ -98,11 +99,11 @@ pub fn mosaic(log: &CorrectedLog, wanted: &MosaicOptions, options: &Options) -> 
     let own = |frame: &BenchFrame| frame.image.clone().into_demosaiced();
     let raw = raw.as_ref().map(|bench| strip(bench, own)).transpose()?.filter(|s| s.covered() > 0);
     if raw.is_none() {
-        notes.push("this log has no raw images: corrected strip only".into());
+        diagnostics.push(MosaicFact::NoRawImages.into());
     }
     Ok(Mosaic {
         source: camera.fact("source").into(),
-        notes,
+        diagnostics,
         grid,
         raw,
         corrected: strip(&corrected, own)?,
@@ -117,9 +118,9 @@ impl Mosaic {
     /// # Errors
     /// The encoder's message.
     pub fn png(&self) -> std::result::Result<Vec<u8>, String> {
-        let Self { source, notes, grid, .. } = self;
+        let Self { source, diagnostics, grid, .. } = self;
         let (raw, corrected, frames) = (self.raw.as_ref(), &self.corrected, self.frames.len());
-        Poster { source, notes, grid, frames, raw, corrected }.draw().png()
+        Poster { source, diagnostics, grid, frames, raw, corrected }.draw().png()
     }
 
     /// The corrected strip as a GeoTIFF, north up; `None` without
@@ -160,7 +161,7 @@ fn select_frames(
     bench: &Bench,
     camera: &CameraLog,
     is_window_given: bool,
-    notes: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> Vec<(u64, Stamp, SeafloorPlane)> {
     let survey = &bench.log.survey;
     let corrected: BTreeSet<u64> = camera.corrected().map(|(_, f)| f.log_time).collect();
@@ -177,14 +178,11 @@ fn select_frames(
     if !is_window_given && total > DEFAULT_FRAMES {
         let first = (total - DEFAULT_FRAMES) / 2;
         frames = frames.drain(first..first + DEFAULT_FRAMES).collect();
-        notes.push(format!(
-            "{DEFAULT_FRAMES} of {total} frames, from the middle of the dive; -S and -E select \
-             others"
-        ));
+        diagnostics.push(MosaicFact::FramesChosen { used: DEFAULT_FRAMES, frames: total }.into());
     }
     let step = frames.len().div_ceil(MAX_FRAMES).max(1);
     if step > 1 {
-        notes.push(format!("every {step}th frame, as the window has {}", frames.len()));
+        diagnostics.push(MosaicFact::FramesThinned { step, frames: frames.len() }.into());
     }
     frames.into_iter().step_by(step).collect()
 }
@@ -195,23 +193,19 @@ fn place_frames(
     bench: &Bench,
     frames: &[(u64, Stamp, SeafloorPlane)],
     places: &Places,
-    notes: &mut Vec<String>,
+    diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<(Vec<PlacedFrame>, bool)> {
     let with_planes: Vec<(Stamp, SeafloorPlane)> =
         frames.iter().map(|(_, stamp, plane)| (*stamp, *plane)).collect();
     let (poses, has_attitude) = match placed(&bench.log, places, &with_planes) {
         Some(placed) => {
-            notes.push(format!("poses from {}", placed.source));
+            diagnostics.push(MosaicFact::PosesFrom { source: placed.source }.into());
             (placed.poses, true)
         }
         None => {
             let times: Vec<u64> = frames.iter().map(|f| f.0).collect();
             let poses = by_matches::poses(bench, &times)?;
-            notes.push(
-                "poses from keypoint matches between neighbouring frames, as the log has neither \
-                 odometry nor velocities"
-                    .into(),
-            );
+            diagnostics.push(MosaicFact::PosesFromMatches.into());
             (poses, false)
         }
     };
@@ -240,11 +234,8 @@ fn place_frames(
         return Err(Error::Image(reason));
     }
     if placed_frames.len() < frames.len() {
-        notes.push(format!(
-            "{} of {} frames: the others are not connected to these",
-            placed_frames.len(),
-            frames.len()
-        ));
+        let (used, frames) = (placed_frames.len(), frames.len());
+        diagnostics.push(MosaicFact::FramesNotConnected { used, frames }.into());
     }
     Ok((placed_frames, has_attitude))
 }

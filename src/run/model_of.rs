@@ -19,7 +19,7 @@ use crate::model::{
     InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
 };
 use crate::session::{Options, Prepared};
-use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount};
+use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount, StrobeSource};
 
 /// Samples of all logs → one model.
 pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<ModelFile> {
@@ -195,9 +195,9 @@ fn strobe_file(placed: &StrobePlacement, rig: &Rig) -> StrobeFile {
         rotation_xyzw: facts.rotation_xyzw.unwrap_or([0.0, 0.0, 0.0, 1.0]),
         source: placed
             .source
-            .map(String::from)
+            .clone()
             .or_else(|| rig.strobe.source.clone())
-            .unwrap_or_else(|| "camera".into()),
+            .unwrap_or(StrobeSource::Camera),
         position_std_m: placed
             .search
             .as_ref()

@@ -19,5 +19,5 @@ pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
 pub use rig::{
     CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount,
-    Vignetting, VignettingName,
+    StrobeSource, Vignetting, VignettingName,
 };

@@ -29,8 +29,53 @@ pub struct Rig {
 pub struct StrobeMount {
     /// pose of the strobe, or of several lamps
     pub lamps: Lamps,
-    /// TF frame or file; `None` where the strobe is assumed to be at the camera
-    pub source: Option<String>,
+    /// `None` where the strobe is assumed to be at the camera
+    pub source: Option<StrobeSource>,
+}
+
+/// Source of a strobe pose; a word in `model.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum StrobeSource {
+    /// assumed at the camera
+    Camera,
+    /// estimated from the images
+    Found,
+    /// estimated from the images, starting at the given pose
+    Refined,
+    /// a TF frame, or `rig file`
+    Given(String),
+}
+
+impl StrobeSource {
+    /// Whether the pose was estimated from the images.
+    pub fn is_estimated(&self) -> bool {
+        matches!(self, Self::Found | Self::Refined)
+    }
+}
+
+impl std::fmt::Display for StrobeSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Camera => "camera",
+            Self::Found => "found",
+            Self::Refined => "refined",
+            Self::Given(name) => name,
+        })
+    }
+}
+
+impl From<String> for StrobeSource {
+    fn from(word: String) -> Self {
+        let known = [Self::Camera, Self::Found, Self::Refined].into_iter();
+        known.into_iter().find(|s| s.to_string() == word).unwrap_or(Self::Given(word))
+    }
+}
+
+impl From<StrobeSource> for String {
+    fn from(source: StrobeSource) -> Self {
+        source.to_string()
+    }
 }
 
 impl StrobeMount {

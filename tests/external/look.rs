@@ -12,6 +12,7 @@ use crate::support::ensure;
 use crate::support::render::{Dive, Sensor, Truth};
 use libtest_mimic::{Failed, Trial};
 use unwater::config::OutputConfig;
+use unwater::diagnostics::MosaicFact;
 use unwater::products::dive::CorrectedLog;
 use unwater::products::mosaic::{Mosaic, MosaicOptions, mosaic};
 use unwater::recording::{Entry, Output, Recording, Schema, Window};
@@ -372,8 +373,8 @@ fn mosaic_by_shared_points() -> Result<(), Failed> {
     let options = Options::default();
     let laid = mosaic(&CorrectedLog::open(&out, &options)?, &MosaicOptions::default(), &options)?;
     ensure(
-        laid.notes.iter().any(|n| n.contains("keypoint matches between neighbouring frames")),
-        format!("{:?}", laid.notes),
+        laid.diagnostics.contains(&MosaicFact::PosesFromMatches.into()),
+        format!("{:?}", laid.diagnostics),
     )?;
     ensure(laid.frames.len() >= 8, format!("{} frames are joined", laid.frames.len()))?;
     for pair in laid.frames.windows(2) {

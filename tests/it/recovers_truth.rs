@@ -6,6 +6,7 @@ use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
 use unwater::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
 use unwater::model::{AttenuationKind, LightLaw};
 use unwater::session::Options;
+use unwater::vehicle::StrobeSource;
 
 fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
     let folder = tempfile::tempdir().expect("a folder");
@@ -177,7 +178,7 @@ fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
     let dive = Dive { seed: 81, frames: 40, with_strobe_mount: false, ..Dive::default() };
     let (v, truth) = judged(&dive, &Options::default());
     let strobe = v.model.strobe.as_ref().expect("a strobe");
-    assert_eq!(strobe.source, "found");
+    assert_eq!(strobe.source, StrobeSource::Found);
     // The camera looks straight down, image up is forward: right = −y, down = −x, ahead = −z of the
     // vehicle.
     let from_camera: Vec<f64> = truth
@@ -223,7 +224,10 @@ fn a_strobe_that_nobody_measured_is_found_and_a_wrong_one_is_contradicted() {
     let (v, _) = judged(&dive, &wrong);
     let strobe = v.model.strobe.as_ref().expect("a strobe");
     is_near(&strobe.position_in_optical_m);
-    assert!(strobe.source == "found" && strobe.moved_m.is_some_and(|m| m > 0.7), "{strobe:?}");
+    assert!(
+        strobe.source == StrobeSource::Found && strobe.moved_m.is_some_and(|m| m > 0.7),
+        "{strobe:?}"
+    );
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! profile across the track, which blending would hide (paper, Fig. 11).
 
 use super::grid::{Grid, Strip};
+use crate::diagnostics::Diagnostic;
 use crate::plot::{Canvas, ticks};
 use crate::products::display::{
     BANDS, EMPTY, INK, PAPER, SOFT, exposure, srgb_of_rendered, to_srgb,
@@ -23,7 +24,7 @@ const MIN_COVERED_SHARE: f64 = 0.05;
 /// Contents of a poster.
 pub struct Poster<'m> {
     pub source: &'m str,
-    pub notes: &'m [String],
+    pub diagnostics: &'m [Diagnostic],
     pub grid: &'m Grid,
     /// number of frames
     pub frames: usize,
@@ -48,7 +49,7 @@ impl Poster<'_> {
         let count = strips.len() as i64;
         let width = 2 * MARGIN + count * column + (count - 1) * GAP;
         let lines: Vec<String> = std::iter::once(self.title())
-            .chain(self.notes.iter().cloned())
+            .chain(self.diagnostics.iter().map(ToString::to_string))
             .flat_map(|w| Canvas::wrapped(&w, 2, (width - 2 * MARGIN) as usize))
             .collect();
         let head = HEAD.max(MARGIN + 40 + 22 * lines.len() as i64 + 46);

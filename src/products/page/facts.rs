@@ -11,6 +11,7 @@ use crate::diagnostics::{Diagnostic, Fact, Severity};
 use crate::model::{AttenuationKind, ModelFile};
 use crate::plot::escape_markup;
 use crate::units::Stamp;
+use crate::vehicle::StrobeSource;
 
 /// Ends of a 95 % interval lie this many standard deviations away.
 pub const NINETY_FIVE: f64 = 1.96;
@@ -107,8 +108,8 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
         let std = strobe.position_std_m.map_or_else(String::new, |s| {
             format!(" ± {:.3} m", s.iter().map(|s| s * s).sum::<f64>().sqrt())
         });
-        let source = match strobe.source.as_str() {
-            "camera" => "taken to sit at the camera, as nothing better is known".into(),
+        let source = match &strobe.source {
+            StrobeSource::Camera => "taken to sit at the camera, as nothing better is known".into(),
             source => {
                 format!(
                     "{}, {}, {} of the camera{std} ({source})",

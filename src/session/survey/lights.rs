@@ -6,7 +6,7 @@ use super::mounts::Mounts;
 use crate::coordinates::{Body, Direction, Optical, Strobe, Transform};
 use crate::diagnostics::{Diagnostic, MountFact};
 use crate::error::{Error, Result};
-use crate::vehicle::{Lamps, MAX_LAMPS, RigFile, StrobeMount};
+use crate::vehicle::{Lamps, MAX_LAMPS, RigFile, StrobeMount, StrobeSource};
 
 /// A light whose axis is this far off the camera's, as a cosine, does not light what it sees: its
 /// turn is another convention's (x ahead) or none.
@@ -46,7 +46,7 @@ pub fn strobe_mount(
         let lamps = lamps.ok_or_else(|| {
             Error::Rig(format!("strobe.lamps takes 1 to {MAX_LAMPS} lamps with a strength above 0"))
         })?;
-        return Ok(StrobeMount { lamps, source: Some("rig file".into()) });
+        return Ok(StrobeMount { lamps, source: Some(StrobeSource::Given("rig file".into())) });
     }
     let ahead = |pose: &Transform<Body, Strobe>| {
         (*pose * Direction::boresight())
@@ -58,7 +58,10 @@ pub fn strobe_mount(
         if ahead(&pose) < LEAST_AHEAD {
             diagnostics.push(MountFact::StrobeAxisOff.into());
         }
-        return Ok(StrobeMount { lamps: Lamps::one(pose), source: Some("rig file".into()) });
+        return Ok(StrobeMount {
+            lamps: Lamps::one(pose),
+            source: Some(StrobeSource::Given("rig file".into())),
+        });
     }
     let in_tf = |frame: &str| -> Option<Transform<Body, Strobe>> {
         mounts.pose_below(body_frame, frame).map(Transform::from_isometry)
@@ -97,7 +100,10 @@ pub fn strobe_mount(
         [(one, _)] => Lamps::one(*one),
         several => Lamps::several(several).unwrap_or_else(at_camera),
     };
-    Ok(StrobeMount { lamps, source: (!lights.is_empty()).then(|| lights.join(" + ")) })
+    Ok(StrobeMount {
+        lamps,
+        source: (!lights.is_empty()).then(|| StrobeSource::Given(lights.join(" + "))),
+    })
 }
 
 #[cfg(test)]
