@@ -1,4 +1,4 @@
-//! What was found, what was done, what was not and why: `report.json`, and text for people.
+//! What a run found and did: `report.json`.
 
 use std::collections::BTreeMap;
 
@@ -7,41 +7,41 @@ use serde::{Deserialize, Serialize};
 use crate::diagnostics::{self, Diagnostic, LogFact, Severity};
 use crate::recording::Damage;
 
-/// The account of a run.
+/// `report.json`: the result of a run for one camera.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Report {
-    /// version of the program
+    /// of the program
     pub version: String,
-    /// input file's name
+    /// name of the input file
     pub source: String,
-    /// topics used
+    /// of the raw images
     pub camera_topic: String,
-    /// where corrected frames went
+    /// of the corrected images
     pub corrected_topic: String,
-    /// the range instrument's topic
+    /// of the range instrument
     pub dvl_topic: String,
-    /// method
+    /// correction method
     pub method: String,
     /// frames of the camera
     pub frames: usize,
     /// of these, corrected
     pub corrected: usize,
-    /// of these, not corrected, by reason
+    /// of these, not corrected, by the text of the reason; with codes in `diagnostics`
     pub uncorrected: BTreeMap<String, usize>,
-    /// frames by what held their plane
+    /// frames by the support of their seafloor plane
     pub planes: BTreeMap<String, usize>,
     /// lowest and highest camera altitude of the corrected frames [m]
     pub camera_altitude_m: Option<[f64; 2]>,
-    /// mean shares over the corrected frames
+    /// shares of pixels, means over the corrected frames
     pub mean_shares: BTreeMap<String, f64>,
-    /// what was assumed, what may make the result worse, what is missing in the output
+    /// assumptions, what may make the result worse, what is missing in the output
     pub diagnostics: Vec<Diagnostic>,
     /// what could not be read
     pub damage: Vec<Damage>,
-    /// messages copied and messages added
+    /// messages of the input in the output
     pub messages_copied: u64,
-    /// see `messages_copied`
+    /// messages that are new in the output
     pub messages_added: u64,
 }
 
@@ -65,7 +65,7 @@ impl Report {
         self.diagnostics.iter().filter(move |d| d.severity() == severity)
     }
 
-    /// Whether something was lost on the way: the third state between done and failed.
+    /// Whether something is missing in the output: exit status 3.
     pub fn has_losses(&self) -> bool {
         self.of(Severity::Loss).next().is_some()
     }

@@ -339,7 +339,7 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
 }
 
 /// A diagnostic in JSON as text, with its remedy below.
-fn told(kind: &str, diagnostic: &serde_json::Value, line: &mut dyn FnMut(String)) {
+fn put_diagnostic(kind: &str, diagnostic: &serde_json::Value, line: &mut dyn FnMut(String)) {
     line(format!("  {kind}: {}", diagnostic["text"].as_str().unwrap_or("")));
     diagnostic["remedy"].as_str().into_iter().for_each(|r| line(format!("    help: {r}")));
 }
@@ -418,11 +418,11 @@ fn inspect_text(d: &serde_json::Value) -> String {
         let memory = plan["memory_at_most_bytes"].as_f64().unwrap_or(f64::NAN) / 1e6;
         line(format!("  memory at most {memory:.0} MB with {} threads", plan["threads"]));
         for clock in list(&plan["clocks"]) {
-            told("clock", &clock, &mut line);
+            put_diagnostic("clock", &clock, &mut line);
         }
         for diagnostic in list(&plan["diagnostics"]) {
             let is_info = diagnostic["severity"] == json!(Severity::Info);
-            told(if is_info { "note" } else { "warning" }, &diagnostic, &mut line);
+            put_diagnostic(if is_info { "note" } else { "warning" }, &diagnostic, &mut line);
         }
     }
     if let Some(missing) = d["missing"].as_str() {

@@ -77,7 +77,11 @@ facts! {
             text("several lamps shine; only the joint solve separates them");
         Info "equal-path-lengths" EqualPathLengths,
             text("path lengths do not differ within the pairs");
-        Info "altitude-range" AltitudeRange { altitude_ratio: f64, frames: usize, needed_ratio: f64 },
+        Info "altitude-range" AltitudeRange {
+            altitude_ratio: f64,
+            frames: usize,
+            needed_ratio: f64,
+        },
             text("the highest altitude is {altitude_ratio:.2} times the lowest over {frames} \
                   frames; {needed_ratio:.2} times is needed");
         Info "few-shared-cells" FewSharedCells,

@@ -21,8 +21,8 @@ facts! {
             text("as the TF tree orients it, light from {} does not fall on what the camera \
                   sees; the orientation of the camera is used", frames.join(", "));
         Info "several-strobes" SeveralStrobes { frames: Vec<String>, used: usize },
-            text("several lights in the TF tree ({}): {used} of them are used, with equal power and \
-                  one beam pattern; name the one that shone with --strobe-frame, or strengths \
+            text("several lights in the TF tree ({}): {used} of them are used, with equal power \
+                  and one beam pattern; name the one that shone with --strobe-frame, or strengths \
                   under [[strobe.lamps]] in a rig file", frames.join(", "));
         Warning "strobe-position-unknown" StrobeUnknown,
             text("the position of the strobe is unknown and the log does not determine it: it is \
@@ -45,7 +45,8 @@ facts! {
             is_lower_bound: bool,
         },
             text("the log contradicts the rotation between camera and attitude sensor: level \
-                  seafloors fit better {}", rotated(rotation_deg, std_deg, residual, is_lower_bound)),
+                  seafloors fit better {}",
+                 rotated(rotation_deg, std_deg, residual, is_lower_bound)),
             remedy("check [camera.mount] and the mount of the attitude sensor");
         Warning "dvl-mount-contradicted" DvlContradicted {
             rotation_deg: [f64; 2],

@@ -13,7 +13,10 @@ facts! {
             text("reports without beams are ignored");
         Info "water-track" WaterTrack,
             text("water-track reports are ignored");
-        Info "beam-directions-assumed" DirectionsAssumed { instrument: String, janus_angle_deg: f64 },
+        Info "beam-directions-assumed" DirectionsAssumed {
+            instrument: String,
+            janus_angle_deg: f64,
+        },
             text("messages have no beam directions; those of {instrument} ({janus_angle_deg}°) \
                   are assumed");
         Info "beam-azimuths-assumed" AzimuthsAssumed { instrument: String, janus_angle_deg: f64 },

@@ -1,15 +1,14 @@
-//! Whether the clocks of camera, range instrument and attitude agree, from the data alone. Only
-//! told, never applied.
+//! Offsets between the clocks of camera, range instrument and attitude sensor, estimated from the
+//! data. They are reported and never applied.
 //!
-//! - Camera and DVL: points of seafloor that two frames see lie equally far apart, in metres,
-//!   whatever the height. The heights come from pings, so the points agree best where the pings'
-//!   stamps fit the frames'.
-//! - Attitude and DVL: the normal of a ping's plane, turned into the world by the attitude of its
-//!   time, stays where it is.
+//! - Camera and DVL: two points of the seafloor that two frames share are equally far apart in
+//!   metres, at any altitude. Altitudes come from pings, so the distances agree best where the
+//!   stamps of the pings fit those of the frames.
+//! - Attitude and DVL: the normal of a ping's plane, rotated into the world by the attitude at its
+//!   time, is constant.
 //!
-//! Both are looked at for every offset of a grid. An offset is told where the misfit has one sharp
-//! minimum inside it; a vehicle that holds its height and its attitude tells nothing, and that is
-//! said.
+//! Both residuals are evaluated on a grid of offsets. An offset is estimated where the residual has
+//! one sharp minimum inside the grid; constant altitude and attitude determine none.
 
 use nalgebra::Vector3;
 
@@ -25,39 +24,39 @@ use crate::session::{Options, Prepared, Silent};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
 
-/// Offsets are sought this far [s].
-const FARTHEST_S: f64 = 3.0;
-/// In steps of [s].
+/// Half width of the grid of offsets [s].
+const MAX_OFFSET_S: f64 = 3.0;
+/// Step of the grid [s].
 const STEP_S: f64 = 0.05;
-/// An offset less sure than this, at three standard deviations, is not told [s].
-const WORST_S: f64 = 0.1;
-/// Fewer observations tell nothing.
-const LEAST: usize = 12;
-/// Share of the observations that must be left at an offset for it to be compared with others.
-const LEAST_SHARE: f64 = 0.7;
-/// Points of a pair of frames that are measured, at most.
-const MOST_POINTS: usize = 60;
-/// Stretch over which the floor's slope is taken to be one [s].
-const STRETCH_S: f64 = 20.0;
+/// Largest uncertainty of an offset, at three standard deviations [s].
+const MAX_UNCERTAINTY_S: f64 = 0.1;
+/// Fewest observations.
+const MIN_OBSERVATIONS: usize = 12;
+/// Smallest share of the observations that an offset may keep to be compared with others.
+const MIN_SHARE: f64 = 0.7;
+/// Most points used per pair of frames.
+const MAX_POINTS: usize = 60;
+/// Duration over which the slope of the seafloor is assumed constant [s].
+const SEGMENT_S: f64 = 20.0;
 
-/// What the data say of an offset.
+/// An estimated offset.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
-    /// seconds to add to the stamps, and their standard deviation [s]
-    Offset {
-        /// [s]
+pub enum ClockOffset {
+    /// the data determine it
+    Estimated {
+        /// to be added to the stamps [s]
         offset_s: f64,
-        /// [s]
+        /// standard deviation [s]
         std_s: f64,
     },
-    /// why there is no estimate
+    /// the data do not determine it
     Unknown(OffsetUnknown),
 }
 
-impl Told {
-    /// Whether it is another number than 0.
+impl ClockOffset {
+    /// Whether it differs from 0 significantly.
     pub fn is_off(&self) -> bool {
-        matches!(self, Self::Offset { offset_s, std_s } if offset_s.abs() > (3.0 * std_s).max(STEP_S))
+        matches!(self, Self::Estimated { offset_s, std_s } if offset_s.abs() > (3.0 * std_s).max(STEP_S))
     }
 }
 
@@ -65,23 +64,23 @@ impl Told {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockOffsets {
     /// to be added to the range instrument's stamps, so that they fit the camera's
-    pub ranges: Told,
-    /// to be added to the attitude's, so that they fit both; to the range instrument's alone where
-    /// the camera tells nothing
-    pub attitude: Told,
+    pub ranges: ClockOffset,
+    /// to be added to the attitude's, so that they fit both; those of the range instrument alone
+    /// where the images determine nothing
+    pub attitude: ClockOffset,
 }
 
 impl ClockOffsets {
     /// Per topic: its offset and the line of a rig file that corrects it, or that there is none.
     pub fn diagnostics(&self, survey: &Survey, rig: &RigFile) -> Vec<Diagnostic> {
-        let of = |topic: &String, told: &Told| {
-            let fact = match *told {
-                Told::Offset { offset_s, std_s } if told.is_off() => {
+        let of = |topic: &String, offset: &ClockOffset| {
+            let fact = match *offset {
+                ClockOffset::Estimated { offset_s, std_s } if offset.is_off() => {
                     let time_offset_s = rig.time_offset_s.get(topic).unwrap_or(&0.0) + offset_s;
                     ClockFact::OffsetFound { offset_s, std_s, time_offset_s }
                 }
-                Told::Offset { offset_s, std_s } => ClockFact::Agrees { offset_s, std_s },
-                Told::Unknown(reason) => ClockFact::Unknown { reason },
+                ClockOffset::Estimated { offset_s, std_s } => ClockFact::Agrees { offset_s, std_s },
+                ClockOffset::Unknown(reason) => ClockFact::Unknown { reason },
             };
             Diagnostic::on(topic, fact)
         };
@@ -117,9 +116,10 @@ pub fn clock_offsets(log: &Prepared, options: &Options) -> Result<ClockOffsets> 
         offset(&threads, 1.0, |shift| turned_misfits(&normals, pings.attitude(), shift))?;
     let attitude = match (&ranges, of_attitude) {
         // The pings move by the one, and the attitude with them.
-        (Told::Offset { offset_s: a, std_s: b }, Told::Offset { offset_s, std_s }) => {
-            Told::Offset { offset_s: offset_s + a, std_s: std_s.hypot(*b) }
-        }
+        (
+            ClockOffset::Estimated { offset_s: a, std_s: b },
+            ClockOffset::Estimated { offset_s, std_s },
+        ) => ClockOffset::Estimated { offset_s: offset_s + a, std_s: std_s.hypot(*b) },
         (_, alone) => alone,
     };
     Ok(ClockOffsets { ranges, attitude })
@@ -131,8 +131,8 @@ fn offset(
     threads: &Threads,
     alike: f64,
     misfits: impl Fn(f64) -> Vec<Option<f64>> + Sync,
-) -> Result<Told> {
-    let steps = (FARTHEST_S / STEP_S) as i32;
+) -> Result<ClockOffset> {
+    let steps = (MAX_OFFSET_S / STEP_S) as i32;
     let mut curve: Vec<(f64, Vec<Option<f64>>)> = Vec::new();
     let at = |step: i32| (f64::from(step) * STEP_S, misfits(f64::from(step) * STEP_S));
     ordered_map(
@@ -149,11 +149,11 @@ fn offset(
     Ok(least(&curve, alike))
 }
 
-fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
+fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> ClockOffset {
     let most = curve.iter().map(|(_, m)| m.iter().flatten().count()).max().unwrap_or(0);
     let independent = most as f64 / alike;
-    if most < LEAST {
-        return Told::Unknown(OffsetUnknown::FewObservations);
+    if most < MIN_OBSERVATIONS {
+        return ClockOffset::Unknown(OffsetUnknown::FewObservations);
     }
     // Wrong matches and boulders: what lies beyond three times the usual counts as three times the
     // usual.
@@ -163,7 +163,7 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
         sizes.get(sizes.len() / 2).copied().unwrap_or(f64::INFINITY)
     };
     let enough = |misfits: &[Option<f64>]| {
-        misfits.iter().flatten().count() as f64 >= LEAST_SHARE * most as f64
+        misfits.iter().flatten().count() as f64 >= MIN_SHARE * most as f64
     };
     let compared: Vec<&(f64, Vec<Option<f64>>)> = curve.iter().filter(|(_, m)| enough(m)).collect();
     let limit = 3.0 * 1.4826 * compared.iter().map(|(_, m)| usual(m)).fold(f64::INFINITY, f64::min);
@@ -177,16 +177,16 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
     let points: Vec<(f64, f64)> =
         compared.iter().map(|(shift, m)| (*shift, mean_square(m))).collect();
     let Some(best) = (0..points.len()).min_by(|a, b| points[*a].1.total_cmp(&points[*b].1)) else {
-        return Told::Unknown(OffsetUnknown::FewObservations);
+        return ClockOffset::Unknown(OffsetUnknown::FewObservations);
     };
     if best == 0 || best + 1 == points.len() || points[best].1 <= 0.0 {
-        return Told::Unknown(OffsetUnknown::NoMinimum);
+        return ClockOffset::Unknown(OffsetUnknown::NoMinimum);
     }
     let (low, here, high) = (points[best - 1].1, points[best].1, points[best + 1].1);
     let bend = low - 2.0 * here + high;
     let offset_s =
         points[best].0 + if bend > 0.0 { 0.5 * STEP_S * (low - high) / bend } else { 0.0 };
-    // Offsets at which the misfit is larger by less than chance makes it are not told apart.
+    // Offsets whose residual is larger by less than chance are not distinguished.
     let worse = here * (1.0 + 9.0 / independent);
     let farthest =
         points.iter().filter(|p| p.1 <= worse).map(|p| (p.0 - offset_s).abs()).fold(0.0, f64::max);
@@ -196,10 +196,10 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> Told {
     };
     let per_s2 = wide(4).map_or(0.0, |rise| rise / (4.0 * STEP_S).powi(2));
     let std_s = if per_s2 > 0.0 { (here / (independent * per_s2)).sqrt() } else { f64::INFINITY };
-    if farthest > WORST_S + STEP_S || 3.0 * std_s > WORST_S {
-        return Told::Unknown(OffsetUnknown::Flat);
+    if farthest > MAX_UNCERTAINTY_S + STEP_S || 3.0 * std_s > MAX_UNCERTAINTY_S {
+        return ClockOffset::Unknown(OffsetUnknown::Flat);
     }
-    Told::Offset { offset_s, std_s }
+    ClockOffset::Estimated { offset_s, std_s }
 }
 
 fn shifted(pings: &SeafloorEstimator, shift_s: f64) -> SeafloorEstimator {
@@ -223,7 +223,7 @@ fn scale_misfits(
             View { camera: &rig.camera, rig, plane: plane_b, terrain: None },
         );
         let (places_a, places_b) = (&seen.frames[pair.a].places, &seen.frames[pair.b].places);
-        let every = pair.keypoints.len().div_ceil(MOST_POINTS);
+        let every = pair.keypoints.len().div_ceil(MAX_POINTS);
         let (mut a, mut b) = (Vec::new(), Vec::new());
         for (i, j) in pair.keypoints.iter().step_by(every) {
             let (p, q) = (places_a.get(*i as usize)?, places_b.get(*j as usize)?);
@@ -274,7 +274,7 @@ fn turned_misfits(
         Some(attitude.world_from_body(stamp.plus_seconds(-shift_s))? * normal)
     };
     let stretch = |stamp: Stamp| {
-        normals.first().map_or(0, |first| (stamp.seconds_since(first.0) / STRETCH_S) as i64)
+        normals.first().map_or(0, |first| (stamp.seconds_since(first.0) / SEGMENT_S) as i64)
     };
     let mut misfits = Vec::new();
     for group in normals.chunk_by(|a, b| stretch(a.0) == stretch(b.0)) {

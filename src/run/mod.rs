@@ -5,7 +5,7 @@ pub mod bench;
 pub mod clock_offsets;
 pub mod memory;
 mod model_of;
-mod mount_words;
+mod mount_check;
 mod pass_one;
 mod pass_two;
 

@@ -1,7 +1,7 @@
 //! What pass one collected → one model, and a model's strobe and exposure as the rest of the
 //! run wants them.
 
-use super::mount_words::{mount_check, mount_diagnostics};
+use super::mount_check::{mount_check, mount_diagnostics};
 use super::pass_one::Collected;
 use crate::config::{Config, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};

@@ -3,7 +3,7 @@ use std::path::Path;
 
 use crate::support::render::{Dive, Sensor};
 use unwater::diagnostics::{ClockFact, Diagnostic, Fact};
-use unwater::run::clock_offsets::{ClockOffsets, Told, clock_offsets};
+use unwater::run::clock_offsets::{ClockOffset, ClockOffsets, clock_offsets};
 use unwater::session::{Options, prepare};
 use unwater::vehicle::RigFile;
 
@@ -36,7 +36,9 @@ fn offsets_are_found_and_none_is_made_up() {
     for by in [0.0, 0.3, -0.3, 1.5, -1.5] {
         let (found, diagnostics) = look(&path, &[(DVL, by)]);
         println!("pings {by:+} s: {found:?}");
-        let Told::Offset { offset_s, .. } = found.ranges else { panic!("{by}: {found:?}") };
+        let ClockOffset::Estimated { offset_s, .. } = found.ranges else {
+            panic!("{by}: {found:?}")
+        };
         assert!((offset_s + by).abs() < 0.1, "{by}: {found:?}");
         assert_eq!(found.ranges.is_off(), by != 0.0, "{by}: {found:?}");
         // The line to write undoes what was put in.
@@ -53,7 +55,9 @@ fn offsets_are_found_and_none_is_made_up() {
     for by in [0.3, -1.5] {
         let (found, _) = look(&path, &[("/imu", by)]);
         println!("attitude {by:+} s: {found:?}");
-        let Told::Offset { offset_s, .. } = found.attitude else { panic!("{by}: {found:?}") };
+        let ClockOffset::Estimated { offset_s, .. } = found.attitude else {
+            panic!("{by}: {found:?}")
+        };
         assert!((offset_s + by).abs() < 0.1 && !found.ranges.is_off(), "{by}: {found:?}");
     }
 }
@@ -74,7 +78,8 @@ fn a_vehicle_that_holds_its_height_tells_nothing() {
     for by in [0.0, 0.3, -1.5] {
         let (found, diagnostics) = look(&path, &[(DVL, by)]);
         assert!(
-            matches!(found.ranges, Told::Unknown(_)) && matches!(found.attitude, Told::Unknown(_)),
+            matches!(found.ranges, ClockOffset::Unknown(_))
+                && matches!(found.attitude, ClockOffset::Unknown(_)),
             "{by}: {found:?}"
         );
         let is_unknown = |d: &Diagnostic| d.code() == "clock-offset-unknown";

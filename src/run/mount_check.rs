@@ -1,4 +1,4 @@
-//! What the log contradicts of clock and mounts, for `model.json` and as diagnostics.
+//! The check of clock and extrinsics against the images, for `model.json` and as diagnostics.
 
 use nalgebra::UnitQuaternion;
 
