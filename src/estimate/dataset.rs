@@ -77,18 +77,9 @@ impl<'s> Dataset<'s> {
 
     /// The joint solve with attenuation and beam pattern as its only unknowns.
     pub fn setup<'c>(&self, grid: BeamGrid, config: &'c EstimateConfig) -> Setup<'c> {
-        Setup {
-            independence: Independence { frames: self.frames.len(), moments: self.moments() },
-            bands: self.bands(),
-            grid,
-            spreading: SpreadingModel::of(config.spreading),
-            fit_exponent: false,
-            free_strobe: false,
-            scatter: None,
-            segments: None,
-            rounds: config.rounds,
-            config,
-        }
+        let frames = self.frames.len();
+        let independence = Independence { frames, moments: self.moments() };
+        Setup::new(independence, self.bands(), grid, config)
     }
 
     /// A model with the settings' spreading.

@@ -71,6 +71,29 @@ pub struct Setup<'s> {
     pub config: &'s EstimateConfig,
 }
 
+impl<'s> Setup<'s> {
+    /// Attenuation and beam pattern as the only unknowns.
+    pub fn new(
+        independence: Independence,
+        bands: usize,
+        grid: BeamGrid,
+        config: &'s EstimateConfig,
+    ) -> Self {
+        Self {
+            independence,
+            bands,
+            grid,
+            spreading: SpreadingModel::of(config.spreading),
+            fit_exponent: false,
+            free_strobe: false,
+            scatter: None,
+            segments: None,
+            rounds: config.rounds,
+            config,
+        }
+    }
+}
+
 /// Solves for all tracks; `None` where too little is observed.
 pub fn solve(
     tracks: &[Track],

@@ -60,18 +60,8 @@ fn tracks(model: &ImagingModel) -> Vec<Track> {
 }
 
 fn setup<'s>(config: &'s EstimateConfig, grid: BeamGrid) -> Setup<'s> {
-    Setup {
-        independence: Independence { frames: 90, moments: 90 },
-        bands: 3,
-        grid,
-        spreading: SpreadingModel { strobe_leg: 2.0, camera_leg: 0.0 },
-        fit_exponent: false,
-        free_strobe: false,
-        scatter: None,
-        segments: None,
-        rounds: 12,
-        config,
-    }
+    let independence = Independence { frames: 90, moments: 90 };
+    Setup { rounds: 12, ..Setup::new(independence, 3, grid, config) }
 }
 
 #[test]

@@ -31,18 +31,8 @@ fn observation() -> Observation {
 }
 
 fn setup<'s>(config: &'s EstimateConfig) -> Setup<'s> {
-    Setup {
-        independence: Independence { frames: 1, moments: 1 },
-        bands: 3,
-        grid: BeamGrid::new(21, 70.0),
-        spreading: SpreadingModel { strobe_leg: 2.0, camera_leg: 0.0 },
-        fit_exponent: false,
-        free_strobe: false,
-        scatter: None,
-        segments: None,
-        rounds: 1,
-        config,
-    }
+    let independence = Independence { frames: 1, moments: 1 };
+    Setup::new(independence, 3, BeamGrid::new(21, 70.0), config)
 }
 
 fn model(grid: BeamGrid) -> ImagingModel {
