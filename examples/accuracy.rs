@@ -275,7 +275,8 @@ fn print_json(case: &Case, judged: &[Judged]) {
         let v = &o.verdict;
         let line = serde_json::json!({
             "case": case.name, "seed": seed, "identified": v.model.identified,
-            "attenuation_error_per_m": v.attenuation_error_per_m, "attenuation_std_per_m": v.attenuation_std_per_m,
+            "attenuation_error_per_m": v.attenuation_error_per_m,
+            "attenuation_std_per_m": v.attenuation_std_per_m,
             "beam_log_rmse": v.beam_log_rmse, "reflectance_error": v.reflectance_error,
             "raw": o.raw, "corrected": o.shown, "others": others,
         });

@@ -224,7 +224,10 @@ pub fn print(cases: &[(&'static str, Vec<Judged>)], json: bool) {
             "**no**"
         };
         if json {
-            let line = serde_json::json!({ "quantity": goal.quantity, "case": goal.case, "must": goal.must, "aim": goal.aim, "at_most": goal.at_most, "is": is });
+            let line = serde_json::json!({
+                "quantity": goal.quantity, "case": goal.case, "must": goal.must,
+                "aim": goal.aim, "at_most": goal.at_most, "is": is,
+            });
             println!("{line}");
         } else {
             let sign = if goal.at_most { "≤" } else { "≥" };

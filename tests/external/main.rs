@@ -7,13 +7,16 @@
 #[path = "../it/support/mod.rs"]
 mod support;
 
+#[path = "../it/program.rs"]
+mod program;
+
+mod browser;
 mod dives;
-mod look;
 mod playback;
 
 fn main() {
     let arguments = libtest_mimic::Arguments::from_args();
     let trials =
-        [dives::trials(), look::trials(), playback::trials()].into_iter().flatten().collect();
+        [browser::trials(), dives::trials(), playback::trials()].into_iter().flatten().collect();
     libtest_mimic::run(&arguments, trials).exit();
 }

@@ -114,7 +114,7 @@ pub fn trials() -> Vec<Trial> {
     ["cdr", "protobuf"]
         .map(|encoding| {
             Trial::test(
-                format!("playback: the corrected sample log in {encoding} plays back in rerun and Foxglove"),
+                format!("playback: the corrected sample log in {encoding}, in rerun and Foxglove"),
                 move || plays_back(encoding, SAMPLE),
             )
             .with_ignored_flag(!installed && !wanted)

@@ -1,6 +1,7 @@
 //! Offsets between clocks that were put in, and how they are found, or not told.
 use std::path::Path;
 
+use crate::support::judge::assert_within;
 use crate::support::render::{Dive, Sensor};
 use unwater::diagnostics::{ClockFact, Diagnostic, Fact};
 use unwater::run::clock_offsets::{ClockOffset, ClockOffsets, clock_offsets};
@@ -39,7 +40,7 @@ fn offsets_are_found_and_none_is_made_up() {
         let ClockOffset::Estimated { offset_s, .. } = found.ranges else {
             panic!("{by}: {found:?}")
         };
-        assert!((offset_s + by).abs() < 0.1, "{by}: {found:?}");
+        assert_within(&format!("clock of ranges by {by} [s]"), offset_s + by, 0.005);
         assert_eq!(found.ranges.is_off(), by != 0.0, "{by}: {found:?}");
         // The line to write undoes what was put in.
         let of_ranges = diagnostics.iter().find(|d| d.topic.as_deref() == Some(DVL)).unwrap();
@@ -58,7 +59,8 @@ fn offsets_are_found_and_none_is_made_up() {
         let ClockOffset::Estimated { offset_s, .. } = found.attitude else {
             panic!("{by}: {found:?}")
         };
-        assert!((offset_s + by).abs() < 0.1 && !found.ranges.is_off(), "{by}: {found:?}");
+        assert_within(&format!("clock of attitude by {by} [s]"), offset_s + by, 0.0317);
+        assert!(!found.ranges.is_off(), "{by}: {found:?}");
     }
 }
 

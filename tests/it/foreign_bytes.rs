@@ -130,10 +130,10 @@ fn seeds_are_made_of_the_sample_logs() {
         match read(&value).unwrap() {
             EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
                 let head = format!("{width} {height} {step} {} {encoding}\n", u8::from(big_endian));
-                seeds.insert(("raw_picture", name), [head.as_bytes(), data].concat());
+                seeds.insert(("raw_image", name), [head.as_bytes(), data].concat());
             }
             EncodedImage::Compressed { format, data } => {
-                seeds.insert(("picture_file", name), [format.as_bytes(), b"\n", data].concat());
+                seeds.insert(("image_file", name), [format.as_bytes(), b"\n", data].concat());
             }
             EncodedImage::Video { .. } => {}
         }
@@ -142,6 +142,11 @@ fn seeds_are_made_of_the_sample_logs() {
     let (model, _) = estimate_logs(&[&dive], &Options::default(), &Silent).unwrap();
     seeds.insert(("model", "rendered_clear".into()), model.to_json().into_bytes());
     seeds.insert(("config", "default".into()), Config::default().to_commented_toml().into_bytes());
+    for sampling in 0..7u8 {
+        let pixels: Vec<u8> = (0..=255).map(|i: u8| i.wrapping_mul(37)).collect();
+        let head = [8 + sampling, 30 - sampling, 91, sampling];
+        seeds.insert(("jpeg_encoder", sampling.to_string()), [&head[..], &pixels].concat());
+    }
     seeds.insert(("rig", "full".into()), include_bytes!("support/full_rig.toml").to_vec());
     for (target, _) in TARGETS {
         let folder = Path::new(ROOT).join("fuzz/seeds").join(target);

@@ -1,10 +1,11 @@
-//! Every parser of foreign bytes behind one `fn(&[u8])`: the targets in `fuzz/` and
-//! `tests/it/foreign_bytes.rs` call the same. Whatever comes out, it comes out; a panic, a hang or
-//! unbounded memory is the finding.
+//! Every parser of foreign bytes, and the JPEG encoder, as one `fn(&[u8])` each: called by the
+//! targets in `fuzz/` and by `tests/it/foreign_bytes.rs`. Any result is accepted; a panic, a hang or
+//! unbounded memory is a finding.
 #![allow(dead_code, clippy::unwrap_used)]
 
 use std::path::PathBuf;
 
+use libjpeg_turbo_rs::{PixelFormat, Subsampling};
 use unwater::config::Config;
 use unwater::image::EncodedImage;
 use unwater::image::decode::{CameraResponse, decode, describe, grey16, size};
@@ -16,10 +17,10 @@ use unwater::session::survey::survey;
 use unwater::session::{Threads, index::scan};
 use unwater::vehicle::{DvlFacts, RigFile};
 
-/// Takes whatever bytes there are.
+/// Accepts any bytes.
 type Parser = fn(&[u8]);
 
-/// The parsers by name: also the names of the fuzz targets and of the folders in `fuzz/seeds`.
+/// Functions by name, which is also the name of the fuzz target and of the folder in `fuzz/seeds`.
 pub const TARGETS: &[(&str, Parser)] = &[
     ("cdr", cdr),
     ("idl", idl),
@@ -27,14 +28,15 @@ pub const TARGETS: &[(&str, Parser)] = &[
     ("protobuf", protobuf),
     ("json", json),
     ("mcap", mcap),
-    ("raw_picture", raw_picture),
-    ("picture_file", picture_file),
+    ("raw_image", raw_image),
+    ("image_file", image_file),
     ("rig", rig),
     ("model", model),
     ("config", config),
+    ("jpeg_encoder", jpeg_encoder),
 ];
 
-/// Runs the parser of this name.
+/// Calls the function of this name.
 pub fn run(target: &str, bytes: &[u8]) {
     let (_, parser) = TARGETS.iter().find(|(name, _)| *name == target).unwrap();
     parser(bytes);
@@ -77,8 +79,8 @@ pub fn exercise(decoder: &Decoder, data: &[u8]) {
     let _heading = header(&value);
     match decoder.message_type.kind {
         Kind::Image(read) => {
-            if let Ok(picture) = read(&value)
-                && let Ok(decoded) = decode(&picture, CameraResponse::default())
+            if let Ok(image) = read(&value)
+                && let Ok(decoded) = decode(&image, CameraResponse::default())
             {
                 let _bands = decoded.image.into_demosaiced();
             }
@@ -162,7 +164,7 @@ fn mcap(bytes: &[u8]) {
 }
 
 /// `width height step big_endian encoding\n`, then the pixels.
-fn raw_picture(bytes: &[u8]) {
+fn raw_image(bytes: &[u8]) {
     let Some(end) = bytes.iter().position(|b| *b == b'\n') else { return };
     let Ok(head) = std::str::from_utf8(&bytes[..end]) else { return };
     let mut words = head.splitn(5, ' ');
@@ -173,7 +175,7 @@ fn raw_picture(bytes: &[u8]) {
         return;
     };
     let encoding = words.next().unwrap_or("");
-    let picture = EncodedImage::Raw {
+    let image = EncodedImage::Raw {
         width,
         height,
         encoding,
@@ -181,21 +183,21 @@ fn raw_picture(bytes: &[u8]) {
         step,
         data: &bytes[end + 1..],
     };
-    let _line = (describe(&picture), size(&picture));
+    let _line = (describe(&image), size(&image));
     if let Ok(decoded) =
-        decode(&picture, CameraResponse { white_level: Some(4095), ..CameraResponse::default() })
+        decode(&image, CameraResponse { white_level: Some(4095), ..CameraResponse::default() })
     {
         let _bands = decoded.image.into_demosaiced();
     }
 }
 
 /// `format\n`, then the file.
-fn picture_file(bytes: &[u8]) {
+fn image_file(bytes: &[u8]) {
     let Some(end) = bytes.iter().position(|b| *b == b'\n') else { return };
     let Ok(format) = std::str::from_utf8(&bytes[..end]) else { return };
-    let picture = EncodedImage::Compressed { format, data: &bytes[end + 1..] };
-    let _line = (describe(&picture), size(&picture));
-    if let Ok(decoded) = decode(&picture, CameraResponse::default()) {
+    let image = EncodedImage::Compressed { format, data: &bytes[end + 1..] };
+    let _line = (describe(&image), size(&image));
+    if let Ok(decoded) = decode(&image, CameraResponse::default()) {
         let _bands = decoded.image.into_demosaiced();
     }
     drop(grey16(&bytes[end + 1..]));
@@ -227,4 +229,33 @@ fn config(bytes: &[u8]) {
     if let Ok(config) = Config::from_toml(text) {
         let _again = config.to_commented_toml();
     }
+}
+
+/// Whatever pixels, size and subsampling: the file must be readable and of the size given. The
+/// first four bytes are width, height, quality and subsampling; the others are repeated as pixels.
+fn jpeg_encoder(bytes: &[u8]) {
+    let [width, height, quality, sampling, samples @ ..] = bytes else { return };
+    let (width, height) = (3 + usize::from(*width) % 78, 3 + usize::from(*height) % 78);
+    let samplings = [
+        Subsampling::S444,
+        Subsampling::S422,
+        Subsampling::S420,
+        Subsampling::S440,
+        Subsampling::S411,
+        Subsampling::S441,
+    ];
+    let sampling = samplings.get(usize::from(*sampling) % (samplings.len() + 1));
+    let (bands, format) =
+        if sampling.is_some() { (3, PixelFormat::Rgb) } else { (1, PixelFormat::Grayscale) };
+    let pixels: Vec<u8> =
+        samples.iter().chain([&0]).copied().cycle().take(width * height * bands).collect();
+    let sampling = *sampling.unwrap_or(&Subsampling::S444);
+    let quality = 1 + quality % 100;
+    let file = libjpeg_turbo_rs::compress(&pixels, width, height, format, quality, sampling)
+        .expect("a JPEG");
+    let image = EncodedImage::Compressed { format: "jpeg", data: &file };
+    assert_eq!(size(&image), Some((width, height)));
+    let decoded = decode(&image, CameraResponse::default()).expect("a readable JPEG");
+    let read = decoded.image.into_demosaiced();
+    assert_eq!((read.width, read.height, read.bands), (width, height, bands));
 }

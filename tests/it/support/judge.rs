@@ -35,6 +35,13 @@ pub struct Verdict {
     pub report: Report,
 }
 
+/// Fails where a measured error exceeds its bound. Bounds are 1.5 times the errors of today:
+/// `cargo test --test it -- --nocapture | grep measured` prints both.
+pub fn assert_within(what: &str, measured: f64, bound: f64) {
+    println!("measured {what}: {measured:.5}, bound {bound}");
+    assert!(measured.abs() <= bound, "{what}: {measured:.5} exceeds {bound}");
+}
+
 /// Renders, corrects (16-bit PNG) and compares.
 pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
     let (verdict, truth, _) = run_and_show(dive, options, folder);

@@ -113,7 +113,12 @@ pub fn pd0(data: &Path) -> Result<(), Failed> {
     let (mut pairs, mut as_it_is) = (Vec::new(), Vec::new());
     for line in text.lines().filter(|l| l.starts_with("1141,")) {
         let cells: Vec<f64> = line.split(',').map(number).collect();
-        let message = serde_json::json!({ "range": cells[10..14], "config_beamangle": 30.0, "altitude": cells[9] }).to_string();
+        let message = serde_json::json!({
+            "range": cells[10..14],
+            "config_beamangle": 30.0,
+            "altitude": cells[9],
+        })
+        .to_string();
         let ping_with =
             |facts: &DvlFacts| ping("/dvl/pd0", &message, facts)?.ok_or(Failed::from("no ping"));
         for (beam, sent) in ping_with(&facts)?.beams.iter().zip(&cells[10..14]) {

@@ -2,4 +2,4 @@
 #[path = "../../tests/it/support/foreign_bytes.rs"]
 mod foreign_bytes;
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| foreign_bytes::run("raw_picture", data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| foreign_bytes::run("image_file", data));

@@ -1,16 +1,7 @@
-//! Pictures for people: the page of a run opens in a browser, the sheet says what it must, the
-//! mosaic puts known points where they are, and the data set for archives is whole.
-//!
-//! Pages are opened in headless Chromium where there is one, with node and playwright-core
-//! (`NODE_PATH`); elsewhere those tests are reported as ignored, never as passed. So are those on
-//! dives that `UNWATER_DATA` names.
-use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::OnceLock;
+//! Reports, sheets, mosaics and data sets that are made from a corrected log.
+use std::path::Path;
 
-use crate::support::ensure;
-use crate::support::render::{Dive, Sensor, Truth};
-use libtest_mimic::{Failed, Trial};
+use libtest_mimic::Failed;
 use unwater::config::OutputConfig;
 use unwater::diagnostics::MosaicFact;
 use unwater::products::dive::CorrectedLog;
@@ -18,66 +9,21 @@ use unwater::products::mosaic::{Mosaic, MosaicOptions, mosaic};
 use unwater::recording::{Entry, Output, Recording, Schema, Window};
 use unwater::session::Options;
 
-fn unwater(args: &[&str]) -> std::process::Output {
-    Command::new(env!("CARGO_BIN_EXE_unwater")).args(args).output().expect("the program runs")
-}
+use crate::program::{CorrectedDive, pages_of_poorer_logs, ran, text, unwater};
+use crate::support::ensure;
+use crate::support::judge::assert_within;
+use crate::support::render::{Dive, Truth};
 
-fn ran(args: &[&str]) -> Result<(), Failed> {
-    let output = unwater(args);
-    ensure(
-        output.status.success(),
-        format!("{args:?}: {}", String::from_utf8_lossy(&output.stderr)),
-    )
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().expect("a plain path")
-}
-
-/// A dive of 22 frames with its truth, and corrected: once for all tests.
-struct Corrected {
-    folder: tempfile::TempDir,
-    dive: Dive,
-    truth: Truth,
-}
-
-impl Corrected {
-    fn get() -> &'static Self {
-        static MADE: OnceLock<Corrected> = OnceLock::new();
-        MADE.get_or_init(|| {
-            let folder = tempfile::tempdir().expect("a folder");
-            // The strip is laid by the velocity: without its noise, so that what is off is off by
-            // the laying.
-            let dive = Dive {
-                frames: 22,
-                width: 320,
-                height: 240,
-                focal_px: 380.0,
-                velocity_noise_m_per_s: 0.0,
-                ..Dive::default()
-            };
-            let truth = dive.write(&folder.path().join("dive.mcap"));
-            ran(&[
-                "correct",
-                text(&folder.path().join("dive.mcap")),
-                "-o",
-                text(&folder.path().join("out.mcap")),
-                "-q",
-            ])
-            .expect("a corrected log");
-            Corrected { folder, dive, truth }
-        })
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
+#[test]
+fn pages_of_poorer_logs_state_what_is_missing() -> Result<(), Failed> {
+    pages_of_poorer_logs().map(drop)
 }
 
 /// The page holds every number it must, whole and harmless, and the same bytes for any number of
 /// threads.
-fn page_says_what_it_must() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn page_holds_every_number_and_no_outside_reference() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let (one, two) = (made.path("one.html"), made.path("two.html"));
     for (threads, page) in [("1", &one), ("3", &two)] {
         ran(&["report", text(&made.path("out.mcap")), "-o", text(page), "-j", threads])?;
@@ -110,49 +56,10 @@ fn page_says_what_it_must() -> Result<(), Failed> {
     ensure(!made.path("never.html").exists(), "something stands under the page's name")
 }
 
-/// Outputs that lack things: each figure that cannot be made says why.
-fn pages_of_poorer_logs() -> Result<Vec<(PathBuf, tempfile::TempDir)>, Failed> {
-    let mut pages = Vec::new();
-    let mono = Dive {
-        frames: 14,
-        width: 288,
-        height: 216,
-        focal_px: 340.0,
-        sensor: Sensor::Mono16,
-        ..Dive::default()
-    };
-    let level =
-        Dive { altitude_m: (2.0, 2.05), with_imu: false, sensor: Sensor::Jpeg(90), ..mono.clone() };
-    let cases: [(&str, &Dive, &[&str], &[&str]); 3] = [
-        ("mono", &mono, &[], &["grey"]),
-        (
-            "dropped",
-            &mono,
-            &["--drop-raw", "--depth", "16"],
-            &["--drop-raw", "Corrected frames alone"],
-        ),
-        ("level", &level, &[], &["Not identified", "Along the dive: altitude"]),
-    ];
-    for (name, dive, options, words) in cases {
-        let folder = tempfile::tempdir()?;
-        let (log, out) =
-            (folder.path().join(format!("{name}.mcap")), folder.path().join("out.mcap"));
-        dive.write(&log);
-        ran(&[&["correct", text(&log), "-o", text(&out), "-q"], options].concat())?;
-        let page = folder.path().join(format!("{name}.html"));
-        ran(&["report", text(&out), "-o", text(&page)])?;
-        let html = std::fs::read_to_string(&page)?;
-        for word in words {
-            ensure(html.contains(word), format!("{name}: {word:?} is not in the page"))?;
-        }
-        pages.push((page, folder));
-    }
-    Ok(pages)
-}
-
 /// What a log says of itself stays text: names with markup in them do nothing.
-fn names_are_escaped() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn names_in_pages_are_escaped() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let folder = tempfile::tempdir()?;
     let (log, out) =
         (folder.path().join("<img src=x onerror=alert(1)>&.mcap"), folder.path().join("out.mcap"));
@@ -168,55 +75,10 @@ fn names_are_escaped() -> Result<(), Failed> {
     )
 }
 
-fn in_chromium(pages: &[&Path]) -> Result<(), Failed> {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/report_page.cjs");
-    let ran = Command::new("node").arg(script).args(pages).output()?;
-    ensure(ran.status.success(), String::from_utf8_lossy(&ran.stderr).into_owned())
-}
-
-fn has_chromium() -> bool {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/report_page.cjs");
-    Command::new("node").args([script, "--probe"]).output().is_ok_and(|ran| ran.status.success())
-}
-
-fn pages_open() -> Result<(), Failed> {
-    let made = Corrected::get();
-    let page = made.path("opened.html");
-    ran(&["report", text(&made.path("out.mcap")), "-o", text(&page), "--force"])?;
-    in_chromium(&[&page])?;
-    let poorer = pages_of_poorer_logs()?;
-    in_chromium(&poorer.iter().map(|(page, _)| page.as_path()).collect::<Vec<_>>())
-}
-
-fn pages_of_dives_open(data: &Path) -> Result<(), Failed> {
-    let folder = tempfile::tempdir()?;
-    let mut pages = Vec::new();
-    for log in [
-        "rendered/A/A_clear_flat_raw16",
-        "stonefish/sf_w020_square_srgb",
-        "real/auv_set02",
-        "real/auv_set07",
-        "real/towed_port",
-    ] {
-        let name = log.rsplit('/').next().unwrap_or(log);
-        let (out, page) = (
-            folder.path().join(format!("{name}.mcap")),
-            folder.path().join(format!("{name}.html")),
-        );
-        ran(&["correct", text(&data.join(format!("{log}.mcap"))), "-o", text(&out), "-q"])?;
-        ran(&["report", text(&out), "-o", text(&page)])?;
-        ensure(
-            std::fs::metadata(&page)?.len() < 6 << 20,
-            format!("{name}: the page is too large"),
-        )?;
-        pages.push(page);
-    }
-    in_chromium(&pages.iter().map(PathBuf::as_path).collect::<Vec<_>>())
-}
-
 /// The sheet is a picture of the right shape; frames that are not there are refused in words.
-fn sheet_is_made() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn sheet_shows_a_frame_by_every_method() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let (log, sheet, model) =
         (made.path("dive.mcap"), made.path("sheet.png"), made.path("model.json"));
     ran(&["estimate", text(&log), "-o", text(&model), "-q"])?;
@@ -269,15 +131,16 @@ fn sheet_is_made() -> Result<(), Failed> {
     ensure(none.status.code() == Some(2) && said.contains("22"), said)
 }
 
-fn laid(made: &Corrected, asked: &MosaicOptions) -> Result<Mosaic, Failed> {
+fn laid(made: &CorrectedDive, asked: &MosaicOptions) -> Result<Mosaic, Failed> {
     let options = Options::default();
     Ok(mosaic(&CorrectedLog::open(&made.path("out.mcap"), &options)?, asked, &options)?)
 }
 
 /// Poses by DVL and attitude against the truth, and pixels of the strip against the floor's
 /// reflectance at known points.
-fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn mosaic_agrees_with_the_true_positions() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let laid = laid(made, &MosaicOptions::default())?;
     ensure(
         laid.frames.len() == made.truth.frames.len(),
@@ -292,16 +155,13 @@ fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
         own(last) - own(0),
         place(made.truth.frames[last].position) - place(made.truth.frames[0].position),
     );
-    ensure(
-        (a.norm() / b.norm() - 1.0).abs() < 0.01,
-        format!("the way is {} m long, not {}", a.norm(), b.norm()),
-    )?;
+    assert_within("mosaic: length, relative", a.norm() / b.norm() - 1.0, 1e-4);
     let turn = nalgebra::Rotation2::new(b.y.atan2(b.x) - a.y.atan2(a.x));
     let to_truth =
         |p: nalgebra::Vector2<f64>| turn * (p - own(0)) + place(made.truth.frames[0].position);
     for (k, truth) in made.truth.frames.iter().enumerate() {
         let off = (to_truth(own(k)) - place(truth.position)).norm();
-        ensure(off < 0.05, format!("frame {k} lies {off:.3} m off"))?;
+        assert_within(&format!("mosaic: position of frame {k} [m]"), off, 0.0008);
     }
     // Known points: pixels of every frame, where they truly lie, looked up in the strip.
     let base_from_optical = nalgebra::Matrix3::new(0.0, -1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
@@ -347,15 +207,14 @@ fn mosaic_puts_points_where_they_are() -> Result<(), Failed> {
         (a + (x - p) * (y - q), b + (x - p).powi(2), c + (y - q).powi(2))
     });
     let correlation = pq / (pp * qq).sqrt();
-    ensure(
-        correlation > 0.95,
-        format!("light and reflectance at one place correlate by {correlation:.3} alone"),
-    )
+    assert_within("mosaic: 1 − correlation with reflectance", 1.0 - correlation, 0.05);
+    Ok(())
 }
 
 /// Without attitude and velocity, shared points alone must lay the frames out as long as the way
 /// was.
-fn mosaic_by_shared_points() -> Result<(), Failed> {
+#[test]
+fn mosaic_without_attitude_and_velocity_is_registered_by_keypoints() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let dive = Dive {
         frames: 10,
@@ -393,14 +252,15 @@ fn mosaic_by_shared_points() -> Result<(), Failed> {
             .xy()
             .norm();
         let ought = (b - a).xy().norm();
-        ensure((step - ought).abs() < 0.05, format!("a step of {step:.3} m, not {ought:.3}"))?;
+        assert_within("mosaic by keypoints: step [m]", step - ought, 0.0143);
     }
     Ok(())
 }
 
 /// Names that ask for a GeoTIFF need a position, and the log has none.
-fn mosaic_without_a_position() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn geotiff_without_a_position_is_refused() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let none =
         unwater(&["mosaic", text(&made.path("out.mcap")), "-o", text(&made.path("map.tif"))]);
     let said = String::from_utf8_lossy(&none.stderr).into_owned();
@@ -425,7 +285,8 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
         r#"{"type":"object","properties":{"sec":{"type":"integer"},"nanosec":{"type":"integer"}}}"#;
     let header = format!(r#"{{"type":"object","properties":{{"stamp":{stamp}}}}}"#);
     let data = format!(
-        r#"{{"type":"object","properties":{{"header":{header},"latitude":{number},"longitude":{number}}}}}"#
+        r#"{{"type":"object","properties":{{"header":{header},
+        "latitude":{number},"longitude":{number}}}}}"#
     );
     let fix = out.add_channel(
         "/fix",
@@ -448,7 +309,8 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
             ORIGIN.1 + frame.position[0] / M_PER_DEG / ORIGIN.0.to_radians().cos(),
         );
         let said = format!(
-            r#"{{"header":{{"stamp":{{"sec":{sec},"nanosec":{nanosec}}}}},"latitude":{latitude:.12},"longitude":{longitude:.12}}}"#
+            r#"{{"header":{{"stamp":{{"sec":{sec},"nanosec":{nanosec}}}}},
+            "latitude":{latitude:.12},"longitude":{longitude:.12}}}"#
         );
         out.write(fix, frame.stamp_ns, frame.stamp_ns, said.as_bytes());
     }
@@ -465,8 +327,9 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
 
 /// The GeoTIFF's tags lead from a known point's degrees to the pixel that shows it, as a GIS would
 /// take them.
-fn map_is_where_it_is() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn geotiff_tags_lead_to_the_right_pixel() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let (log, map) = (made.path("fixes.mcap"), made.path("fixes.tif"));
     with_fixes(&made.path("out.mcap"), &log, &made.truth)?;
     ran(&["mosaic", text(&log), "-o", text(&map), "-q"])?;
@@ -511,7 +374,7 @@ fn map_is_where_it_is() -> Result<(), Failed> {
         * M_PER_DEG;
     let (a, b) = (made.truth.frames[0].position, made.truth.frames[21].position);
     let ought = (b[0] - a[0]).hypot(b[1] - a[1]);
-    ensure((metres / ought - 1.0).abs() < 1e-3, format!("{metres} m, not {ought}"))?;
+    assert_within("GeoTIFF: length, relative", metres / ought - 1.0, 1e-5);
     // A map north up: the same strip laid out by a program that knows degrees alone shows the same
     // floor at the same place.
     let options = Options::default();
@@ -523,13 +386,15 @@ fn map_is_where_it_is() -> Result<(), Failed> {
     let place = mosaic.frames[0].world_from_body.translation.vector;
     let (u, v) = mosaic.grid.pixel([place.x, place.y]);
     let off = (u + 0.5 - shown[0].0).hypot(v + 0.5 - shown[0].1) * mosaic.grid.m_per_px;
-    ensure(off < 0.05, format!("the map is {off:.3} m off"))
+    assert_within("GeoTIFF and map: position [m]", off, 0.0004);
+    Ok(())
 }
 
 /// The stills are the log's own bytes, and the lists say of each where and when it was taken, by
 /// the truth.
-fn data_set_is_whole() -> Result<(), Failed> {
-    let made = Corrected::get();
+#[test]
+fn exported_data_set_is_complete() -> Result<(), Failed> {
+    let made = CorrectedDive::get();
     let (log, folder, facts) =
         (made.path("exported.mcap"), made.path("data_set"), made.path("facts.toml"));
     with_fixes(&made.path("out.mcap"), &log, &made.truth)?;
@@ -590,16 +455,10 @@ fn data_set_is_whole() -> Result<(), Failed> {
             format!("{} is not of {}", row[5], frame.stamp_ns),
         )?;
         let above = item["image-meters-above-ground"].as_f64().ok_or("no height")?;
-        ensure(
-            (above - frame.plane_distance_m).abs() < 0.05,
-            format!("{above} m, not {}", frame.plane_distance_m),
-        )?;
+        assert_within("data set: altitude [m]", above - frame.plane_distance_m, 0.0081);
         let north_m =
             (item["image-latitude"].as_f64().ok_or("no latitude")? - ORIGIN.0) * M_PER_DEG;
-        ensure(
-            (north_m - frame.position[1]).abs() < 0.01,
-            format!("{north_m} m north, not {}", frame.position[1]),
-        )?;
+        assert_within("data set: north [m]", north_m - frame.position[1], 1e-5);
     }
     ensure(
         items.values().all(|i| {
@@ -615,36 +474,4 @@ fn data_set_is_whole() -> Result<(), Failed> {
             && String::from_utf8_lossy(&again.stderr).contains("--force"),
         "a folder in use is not refused",
     )
-}
-
-pub fn trials() -> Vec<Trial> {
-    let data = std::env::var_os("UNWATER_DATA").map(PathBuf::from).filter(|d| d.is_dir());
-    let has_chromium = has_chromium();
-    let no_data = data.is_none();
-    let data = data.unwrap_or_default();
-    let trials = vec![
-        Trial::test("look: the page says what it must", page_says_what_it_must),
-        Trial::test("look: pages of poorer logs say why", || pages_of_poorer_logs().map(drop)),
-        Trial::test("look: names are escaped", names_are_escaped),
-        Trial::test("look: pages open in Chromium", pages_open).with_ignored_flag(!has_chromium),
-        Trial::test("look: pages of the dives open in Chromium", move || {
-            pages_of_dives_open(&data)
-        })
-        .with_ignored_flag(!has_chromium || no_data),
-        Trial::test("look: the sheet is made", sheet_is_made),
-        Trial::test(
-            "look: the mosaic puts points where they are",
-            mosaic_puts_points_where_they_are,
-        ),
-        Trial::test("look: the mosaic by shared points", mosaic_by_shared_points),
-        Trial::test("look: the mosaic without a position", mosaic_without_a_position),
-        Trial::test("look: the map is where it is", map_is_where_it_is),
-        Trial::test("look: the data set is whole", data_set_is_whole),
-    ];
-    if !has_chromium {
-        eprintln!(
-            "Chromium, node or playwright-core is missing: the tests in a browser are skipped"
-        );
-    }
-    trials
 }
