@@ -138,3 +138,27 @@ impl<'s> Dataset<'s> {
         self.altitude_varies(config) && self.tracks.len() >= config.least_pairs
     }
 }
+
+#[cfg(test)]
+impl FrameSamples {
+    /// Frame number `frame`, one every 3 s, of three bands and without samples.
+    pub fn of_level_seafloor(frame: usize, camera_altitude_m: f64) -> Self {
+        let normal = crate::coordinates::Direction::from_vector(nalgebra::Vector3::z());
+        Self {
+            frame,
+            stamp: crate::units::Stamp(3_000_000_000 * frame as i64),
+            normal: normal.expect("a direction"),
+            camera_altitude_m,
+            bands: 3,
+            keypoints: Vec::new(),
+            places: Vec::new(),
+            samples: Vec::new(),
+            grid: Vec::new(),
+            mean_light: [0.1; 3],
+            eight_bit: false,
+            distance_m: camera_altitude_m,
+            is_level_assumed: false,
+            planes_around: None,
+        }
+    }
+}

@@ -231,3 +231,120 @@ pub fn prediction_ratio(frames: impl Iterator<Item = (Vec<TerrainSample>, f64)>)
     }
     (by_plane.len() >= 50).then(|| median(&by_terrain) / median(&by_plane).max(1e-9))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::plane::Support;
+    use super::*;
+    use crate::coordinates::{Direction, Transform};
+    use crate::vehicle::{Camera, Lamps, StrobeMount};
+
+    const ALTITUDE_M: f64 = 2.0;
+
+    /// Level seafloor below a camera at the body's origin, as are all instruments.
+    fn axes() -> PlaneAxes {
+        let normal = Direction::from_vector(Vector3::z()).expect("a direction");
+        let plane = SeafloorPlane {
+            normal,
+            distance_m: ALTITUDE_M,
+            support: Support::LeastSquares,
+            returns: 4,
+            residual_m: 0.0,
+            nearest_ping_s: 0.0,
+        };
+        let rig = Rig {
+            camera: Camera::from_field_of_view(64, 48, 60.0),
+            body_from_optical: Transform::identity(),
+            body_from_dvl: Transform::identity(),
+            strobe: StrobeMount { lamps: Lamps::one(Transform::identity()), source: None },
+        };
+        PlaneAxes::new(&plane, &rig)
+    }
+
+    /// Pings of four beams every 0.2 s, over heights that are a function of u and v.
+    fn samples(height_m: impl Fn(f64, f64) -> f64) -> Vec<TerrainSample> {
+        let sample = |i: usize| {
+            let (ping, beam) = (i / 4, i % 4);
+            let offset_s = 0.2 * ping as f64 - 6.0;
+            let (u, v) = (0.3 * offset_s, 0.8 * (beam as f64 - 1.5));
+            TerrainSample { ping, beam, u, v, height_m: height_m(u, v), offset_s }
+        };
+        (0..240).map(sample).collect()
+    }
+
+    fn bump(u: f64, v: f64) -> f64 {
+        0.2 * (-(u * u + v * v) / 0.5).exp()
+    }
+
+    #[test]
+    fn process_predicts_heights_and_their_slopes_and_decays_to_the_plane() {
+        let grid = (-8..=8).flat_map(|i| (-8..=8).map(move |j| (0.15 * f64::from(i), j)));
+        let sample = |(k, (u, j)): (usize, (f64, i32))| {
+            let v = 0.15 * f64::from(j);
+            TerrainSample { ping: k, beam: 0, u, v, height_m: bump(u, v), offset_s: 0.0 }
+        };
+        let process =
+            GaussianProcess::new(grid.enumerate().map(sample).collect(), ALTITUDE_M).expect("one");
+        for (u, v) in [(0.0, 0.0), (0.2, -0.1), (-0.5, 0.3)] {
+            let [height, du, dv] = process.at(u, v);
+            assert!((height - bump(u, v)).abs() < 0.01, "{height} at {u}, {v}");
+            let step = 1e-5;
+            let numeric = |a: [f64; 3], b: [f64; 3]| (a[0] - b[0]) / (2.0 * step);
+            let by_u = numeric(process.at(u + step, v), process.at(u - step, v));
+            let by_v = numeric(process.at(u, v + step), process.at(u, v - step));
+            assert!((du - by_u).abs() < 1e-6 && (dv - by_v).abs() < 1e-6, "{du} {dv}");
+        }
+        assert!(process.at(6.0, 0.0)[0].abs() < 1e-6);
+    }
+
+    #[test]
+    fn rays_meet_the_terrain_above_the_plane() {
+        let terrain = Terrain::new(samples(|_, _| 0.1), axes()).expect("terrain");
+        let ray = Vector3::new(0.1, 0.05, 1.0).normalize();
+        let (point, distance, _) = terrain.intersect(&Vector3::zeros(), &ray).expect("a point");
+        let depth = point.vector().z;
+        assert!((depth - (ALTITUDE_M - 0.1)).abs() < 0.01, "{depth}");
+        assert!((distance * ray.z - depth).abs() < 1e-9);
+        // Beyond the grid it is the plane.
+        let ray = Vector3::new(3.0, 0.0, 1.0).normalize();
+        let (point, ..) = terrain.intersect(&Vector3::zeros(), &ray).expect("a point");
+        assert!((point.vector().z - ALTITUDE_M).abs() < 1e-9);
+    }
+
+    #[test]
+    fn normals_follow_the_slope() {
+        let axes = axes();
+        let terrain = Terrain::new(samples(|u, _| 0.2 * u), axes).expect("terrain");
+        let (_, _, normal) = terrain.intersect(&Vector3::zeros(), &Vector3::z()).expect("a point");
+        let (along, across) = (normal.dot(&axes.u), normal.dot(&axes.v));
+        assert!((along - 0.2).abs() < 0.05 && across.abs() < 0.05, "{along} {across}");
+    }
+
+    #[test]
+    fn few_returns_are_no_terrain() {
+        let few = samples(bump).into_iter().take(MIN_RETURNS - 1).collect();
+        assert!(Terrain::new(few, axes()).is_none());
+        let none = std::iter::once((samples(bump).into_iter().take(40).collect(), ALTITUDE_M));
+        assert!(prediction_ratio(none).is_none());
+    }
+
+    #[test]
+    fn ridges_are_predicted_and_range_noise_is_not() {
+        let ratio = |height_m: &dyn Fn(f64, f64) -> f64| {
+            prediction_ratio(std::iter::once((samples(height_m), ALTITUDE_M))).expect("a ratio")
+        };
+        let ridges = ratio(&|u, v| 0.15 * (1.2 * u + 2.0 * v).sin());
+        // Differs from return to return without any pattern in the plane.
+        let noise = ratio(&|u, v| 0.02 * (1e4 * u + 3e3 * v).sin());
+        assert!(ridges < 0.4, "{ridges}");
+        assert!(noise > 0.9, "{noise}");
+    }
+
+    #[test]
+    fn thinning_keeps_every_beam() {
+        let kept = thinned(samples(bump));
+        assert!(kept.len() <= MAX_RETURNS);
+        let of_beam = |beam| kept.iter().filter(|s| s.beam == beam).count();
+        assert!((0..4).all(|beam| of_beam(beam) == kept.len() / 4));
+    }
+}

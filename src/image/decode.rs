@@ -313,3 +313,110 @@ fn decompress<'a>(format: &str, data: &[u8], buffer: Vec<u8>) -> Result<StoredSa
     let (step, big_endian) = (width * channels * bytes, cfg!(target_endian = "big"));
     Ok(StoredSamples { data: pixels.into(), width, height, step, layout, big_endian, container })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn raw<'d>(
+        encoding: &'d str,
+        [width, height, step]: [usize; 3],
+        data: &'d [u8],
+    ) -> EncodedImage<'d> {
+        EncodedImage::Raw { width, height, encoding, big_endian: false, step, data }
+    }
+
+    /// Linear light of an image that stores linear pixel values.
+    fn linear(image: &EncodedImage<'_>, white_level: u16) -> Result<Vec<f32>, String> {
+        let transfer = crate::image::transfer::Transfer::Linear;
+        let white_level = Some(white_level);
+        let response = CameraResponse { transfer, white_level, ..CameraResponse::default() };
+        Ok(decode(image, response)?.image.into_demosaiced().pixels)
+    }
+
+    #[test]
+    fn white_levels_of_10_to_16_bits_in_lower_and_upper_bits() {
+        assert_eq!([0x3ff, 0xfff, 0x3fff, 0xffff].map(white_level), [1023, 4095, 16383, 65535]);
+        assert_eq!([0xffc0, 0xfff0, 0xfffc].map(white_level), [0xffc0, 0xfff0, 0xfffc]);
+        // A dark image sets no upper bits and is taken for one of fewer bits.
+        assert_eq!([0x0001, 0x0155].map(white_level), [1023, 1023]);
+    }
+
+    #[test]
+    fn bytes_between_rows_are_skipped() {
+        let rows: Vec<u8> = (0..3u8).flat_map(|y| [10 * y, 10 * y + 1, 10 * y + 2, 255]).collect();
+        let light = linear(&raw("mono8", [3, 3, 4], &rows), 255).expect("an image");
+        let expected = [0.0, 1.0, 2.0, 10.0, 11.0, 12.0, 20.0, 21.0, 22.0].map(|v| v / 255.0);
+        assert!(light.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{light:?}");
+    }
+
+    #[test]
+    fn byte_order_and_order_of_bands_are_respected() {
+        let values = [1u16, 300, 4095, 2, 5, 600, 7, 800, 9];
+        let little: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let big: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
+        let big = EncodedImage::Raw {
+            width: 3,
+            height: 3,
+            encoding: "mono16",
+            big_endian: true,
+            step: 6,
+            data: &big,
+        };
+        let light = linear(&raw("mono16", [3, 3, 6], &little), 4095).expect("an image");
+        assert_eq!(light, linear(&big, 4095).expect("an image"));
+        assert!((light[2] - 1.0).abs() < 1e-6 && (light[1] - 300.0 / 4095.0).abs() < 1e-6);
+
+        let bytes: Vec<u8> = (0..27).collect();
+        let swapped: Vec<u8> = bytes.chunks_exact(3).flat_map(|p| [p[2], p[1], p[0]]).collect();
+        assert_eq!(
+            linear(&raw("rgb8", [3, 3, 9], &bytes), 255),
+            linear(&raw("bgr8", [3, 3, 9], &swapped), 255)
+        );
+    }
+
+    #[test]
+    fn sizes_that_do_not_fit_are_errors() {
+        let data = [0; 27];
+        for (size, data) in [
+            ([3, 3, 8], &data[..]),                   // rows overlap
+            ([3, 3, 9], &data[..26]),                 // a byte is missing
+            ([3, 3, usize::MAX], &data[..]),          // overflows
+            ([2, 3, 9], &data[..]),                   // too small to demosaic
+            ([1 << 20, 1 << 20, 3 << 20], &data[..]), // larger than any camera's
+        ] {
+            let error = linear(&raw("rgb8", size, data), 255).expect_err("no image");
+            assert!(error.contains(&size[0].to_string()), "{size:?}: {error}");
+        }
+        // The last row needs no bytes after it.
+        assert!(linear(&raw("rgb8", [3, 2 + 1, 9], &data), 255).is_ok());
+    }
+
+    #[test]
+    fn unsupported_encodings_are_named() {
+        for encoding in ["32FC1", "16SC1", "8UC2", "no_such_encoding"] {
+            let error = linear(&raw(encoding, [3, 3, 12], &[0; 36]), 255).expect_err("no image");
+            assert!(error.contains(encoding), "{error}");
+        }
+        let video = EncodedImage::Video { codec: "h264".into() };
+        assert!(linear(&video, 255).expect_err("no image").contains("h264"));
+    }
+
+    #[test]
+    fn a_truncated_file_is_an_error() {
+        let shape = crate::image::ImageShape { width: 16, height: 16, bands: 3 };
+        let samples: Vec<u8> = (0..16 * 16 * 3).map(|i| (i * 7 % 251) as u8).collect();
+        let files = [
+            ("jpeg", crate::image::encode::jpeg(&samples, shape, 90, false)),
+            ("png", crate::image::encode::png(&samples, shape, 8)),
+        ];
+        for (format, file) in files {
+            let file = file.expect("a file");
+            let whole = EncodedImage::Compressed { format, data: &file };
+            assert_eq!(size(&whole), Some((16, 16)));
+            assert_eq!(linear(&whole, 255).expect("an image").len(), samples.len());
+            let cut = EncodedImage::Compressed { format, data: &file[..file.len() / 2] };
+            assert!(linear(&cut, 255).is_err(), "half a {format} is read");
+        }
+    }
+}

@@ -212,3 +212,95 @@ fn weighted_mean(values: impl Iterator<Item = (f64, f64)> + Clone) -> Option<(f6
     let variance = values.map(|(v, w)| (w * (v - mean)).powi(2)).sum::<f64>() / total.powi(2);
     Some((mean, variance.sqrt()))
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::coordinates::{Direction, Point, Transform};
+    use crate::estimate::samples::FrameSamples;
+    use crate::solver::{Observation, Sample, Track};
+    use crate::vehicle::Lamps;
+
+    const ALPHA: Bands = [0.45, 0.14, 0.1];
+
+    fn lamps() -> Lamps {
+        Lamps::one(Transform::from_parts([-0.8, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]))
+    }
+
+    /// What is known beside attenuation: spreading of the strobe's light.
+    fn known(path: &LightPath) -> f64 {
+        -2.0 * path.strobe_to_seafloor_m.ln()
+    }
+
+    /// A point seen from two altitudes in consecutive frames; `error` is added to the first view.
+    fn track(i: u32, altitudes_m: [f64; 2], error: f64) -> Track {
+        let view = |k: usize| {
+            let hit = Point::from_vector(Vector3::new(0.1 * f64::from(i % 5), 0.0, altitudes_m[k]));
+            let mut sample = Sample {
+                hit,
+                seafloor_to_camera_m: hit.vector().norm(),
+                normal: Direction::from_vector(Vector3::z()).expect("a direction"),
+                log_color: [0.0; 3],
+            };
+            let path = sample.path(lamps()).expect("a path");
+            let log_radiance = |b: usize| known(&path) - ALPHA[b] * path.length_m() - 1.0;
+            let error = if k == 0 { error } else { 0.0 };
+            sample.log_color = std::array::from_fn(|b| (log_radiance(b) + error) as f32);
+            Observation { frame: i / 5 + k as u32, sample }
+        };
+        vec![view(0), view(1)]
+    }
+
+    fn solved(tracks: &[Track], min_per_m: f64) -> Option<PairsAnswer> {
+        let frames = [FrameSamples::of_level_seafloor(0, 2.0)];
+        let data = Dataset::plain(&frames, tracks, Transform::identity(), lamps());
+        attenuation(&data, min_per_m, &known)
+    }
+
+    fn tracks(error: impl Fn(u32) -> f64) -> Vec<Track> {
+        let altitudes = |i: u32| [1.5 + 0.02 * f64::from(i % 13), 2.4];
+        (0..60).map(|i| track(i, altitudes(i), error(i))).collect()
+    }
+
+    #[test]
+    fn exact_pairs_give_the_exact_attenuation() {
+        let answer = solved(&tracks(|_| 0.0), 0.0).expect("an answer");
+        assert_eq!((answer.pairs, answer.by_image.len()), (60, 12));
+        for (b, alpha) in ALPHA.iter().enumerate() {
+            assert!((answer.attenuation_per_m[b] - alpha).abs() < 1e-6, "{answer:?}");
+            assert!(answer.std_per_m[b] < 1e-6);
+        }
+    }
+
+    #[test]
+    fn false_matches_are_given_little_weight() {
+        // One match in ten is wrong by a factor of e.
+        let noise = |i: u32| 0.01 * f64::from(i * 7 % 5) - 0.02;
+        let error = |i: u32| if i % 10 == 3 { 1.0 } else { noise(i) };
+        let answer = solved(&tracks(error), 0.0).expect("an answer");
+        for (b, alpha) in ALPHA.iter().enumerate() {
+            assert!((answer.attenuation_per_m[b] - alpha).abs() < 0.01, "{answer:?}");
+        }
+        assert!(answer.residual < 0.05, "{}", answer.residual);
+    }
+
+    #[test]
+    fn images_below_the_minimum_are_left_out() {
+        // In every third image the second view is brighter than it should be.
+        let noise = |i: u32| 0.05 * f64::from(i * 7 % 5) - 0.1;
+        let error = |i: u32| noise(i) - if i / 5 % 3 == 0 { 0.15 } else { 0.0 };
+        let blue = |min_per_m| solved(&tracks(error), min_per_m).map(|a| a.attenuation_per_m[2]);
+        let (all, some) = (blue(0.0).expect("an answer"), blue(0.05).expect("an answer"));
+        assert!(all < some - 0.01 && (some - ALPHA[2]).abs() < 0.02, "{all} {some}");
+        assert_eq!(blue(0.2), None);
+    }
+
+    #[test]
+    fn too_few_pairs_and_equal_path_lengths_give_no_answer() {
+        assert!(solved(&tracks(|_| 0.0)[..2], 0.0).is_none());
+        let level: Vec<Track> = (0..60).map(|i| track(i, [2.0, 2.0], 0.0)).collect();
+        assert!(solved(&level, 0.0).is_none());
+    }
+}

@@ -73,3 +73,95 @@ fn low_frames_differ(candidate: &Candidate) -> Option<NotIdentified> {
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coordinates::Transform;
+    use crate::estimate::samples::FrameSamples;
+    use crate::model::{BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, SpreadingModel};
+    use crate::vehicle::Lamps;
+
+    fn candidate(alpha: Bands, std_per_m: Bands) -> Candidate {
+        let model = ImagingModel {
+            bands: 3,
+            attenuation_per_m: alpha,
+            over_time: Default::default(),
+            spreading: SpreadingModel { strobe_leg: 2.0, camera_leg: 0.0 },
+            incidence: true,
+            beam_pattern: BeamPattern::uniform(BeamGrid::new(9, 60.0)),
+            backscatter: None,
+        };
+        Candidate {
+            model,
+            std_per_m,
+            answer: EstimatorAnswer::default(),
+            path_spread_m: Some(0.4),
+            inflation: 1.0,
+            low_frames: Some((alpha, std_per_m)),
+        }
+    }
+
+    /// The reason for frames at these altitudes, after `change` to a candidate without fault.
+    fn reason(altitudes_m: &[f64], change: impl Fn(&mut Candidate)) -> Option<NotIdentified> {
+        let frames: Vec<FrameSamples> = altitudes_m
+            .iter()
+            .enumerate()
+            .map(|(i, altitude_m)| FrameSamples::of_level_seafloor(i, *altitude_m))
+            .collect();
+        let lamps = Lamps::one(Transform::identity());
+        let data = Dataset::plain(&frames, &[], Transform::identity(), lamps);
+        let mut candidate = candidate([0.45, 0.14, 0.1], [0.004; 3]);
+        change(&mut candidate);
+        not_identified(&candidate, &data, &EstimateConfig::default())
+    }
+
+    fn swinging() -> Vec<f64> {
+        (0..30).map(|i| 2.2 + 0.7 * (0.5 * f64::from(i)).sin()).collect()
+    }
+
+    #[test]
+    fn a_candidate_without_fault_is_identified() {
+        assert_eq!(reason(&swinging(), |_| ()), None);
+    }
+
+    #[test]
+    fn each_fault_is_the_reason() {
+        use NotIdentified as N;
+        let of = |change: &dyn Fn(&mut Candidate)| reason(&swinging(), change);
+        assert!(matches!(reason(&[2.0; 30], |_| ()), Some(N::AltitudeConstant { .. })));
+        assert!(matches!(
+            of(&|c| c.path_spread_m = Some(0.04)),
+            Some(N::PathLengthsEqual { path_spread_m }) if path_spread_m == 0.04
+        ));
+        assert!(matches!(
+            reason(&swinging()[..11], |_| ()),
+            Some(N::FewFrames { frames: 11, needed: MIN_FRAMES })
+        ));
+        assert!(matches!(
+            of(&|c| c.low_frames = Some(([0.45, 0.10, 0.1], [0.004; 3]))),
+            Some(N::LowFramesDiffer { low_frames_per_m, .. }) if low_frames_per_m == 0.10
+        ));
+        // The same difference within four standard deviations is none.
+        assert_eq!(of(&|c| c.low_frames = Some(([0.45, 0.10, 0.1], [0.02; 3]))), None);
+        assert!(matches!(
+            of(&|c| (c.model.attenuation_per_m[2], c.low_frames) = (-0.01, None)),
+            Some(N::NotPhysical { attenuation_per_m }) if attenuation_per_m == -0.01
+        ));
+        assert!(matches!(
+            of(&|c| c.std_per_m[1] = 0.081),
+            Some(N::Uncertain { std_per_m }) if std_per_m == 0.081
+        ));
+    }
+
+    #[test]
+    fn backscatter_that_the_settings_exclude_counts_from_a_tenth_of_attenuation() {
+        assert!(backscatter_ignored(&[0.45, 0.14, 0.1], &[0.49, 0.14, 0.1]).is_none());
+        let reason = backscatter_ignored(&[0.45, 0.14, 0.1], &[0.49, 0.17, 0.1]);
+        assert!(matches!(
+            reason,
+            Some(NotIdentified::BackscatterIgnored { attenuation_per_m, .. })
+                if attenuation_per_m == 0.14
+        ));
+    }
+}

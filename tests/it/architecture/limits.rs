@@ -9,10 +9,10 @@ const LINES_OF_FUNCTION: usize = 60;
 const ARGUMENTS: usize = 5;
 
 /// How many exceptions there still are. These numbers may only become smaller.
-const LONG_FILES: usize = 10;
-const LONG_FUNCTIONS: usize = 42;
-const LONG_SIGNATURES: usize = 27;
-const WIDE_LINES: usize = 92;
+const LONG_FILES: usize = 4;
+const LONG_FUNCTIONS: usize = 32;
+const LONG_SIGNATURES: usize = 20;
+const WIDE_LINES: usize = 75;
 
 /// A function with the number of its lines of code and of its arguments, as clippy counts them.
 struct Function {

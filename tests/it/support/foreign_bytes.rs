@@ -1,6 +1,6 @@
 //! Every parser of foreign bytes, and the JPEG encoder, as one `fn(&[u8])` each: called by the
-//! targets in `fuzz/` and by `tests/it/foreign_bytes.rs`. Any result is accepted; a panic, a hang or
-//! unbounded memory is a finding.
+//! targets in `fuzz/` and by `tests/it/foreign_bytes.rs`. Any result is accepted; a panic, a hang
+//! or unbounded memory is a finding.
 #![allow(dead_code, clippy::unwrap_used)]
 
 use std::path::PathBuf;
