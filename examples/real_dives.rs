@@ -14,8 +14,8 @@ use unwater::image::{LinearImage, SensorImage};
 use unwater::messages::Kind;
 use unwater::recording::{Entry, Recording, Window};
 use unwater::run::correct;
-use unwater::session::index::Scan;
-use unwater::session::{Options, Prepared, Silent, open, prepare};
+use unwater::session::index::LogIndex;
+use unwater::session::{CameraSession, Log, Options, Silent};
 
 /// Light is compared over a Gaussian of this standard deviation on the seafloor [m]: matches are a
 /// pixel or two off.
@@ -36,16 +36,16 @@ fn main() {
     println!("| --- | --- | --- | --- | --- | --- | --- | --- |");
     for path in std::env::args().skip(1) {
         let path = Path::new(&path);
-        let log = prepare(path, &options).expect("a log");
+        let log = CameraSession::open(path, &options).expect("a log");
         let frames = keypoints_of(&log, &options);
         let pairs = matched(&log, &frames, &options);
-        let raw = pictures(&log.recording, &log.scan, &log.survey.camera_topic);
+        let raw = pictures(&log.recording, &log.index, &log.survey.camera_topic);
         let output = folder.join("corrected.mcap");
         let (report, model) =
             correct(path, &output, None, &options, &Silent).expect("a corrected log");
         let read_back = || {
-            let (recording, scan) = open(&output, &Options::default()).expect("a corrected log");
-            pictures(&recording, &scan, &report.corrected_topic)
+            let log = Log::open(&output, &Options::default()).expect("a corrected log");
+            pictures(&log.recording, &log.index, &report.corrected_topic)
         };
         let corrected = read_back();
         let mut baseline = options.clone();
@@ -74,11 +74,11 @@ fn main() {
 }
 
 /// Pictures of a topic by log time, linear.
-fn decoded(recording: &Recording, scan: &Scan, topic: &str) -> Vec<(u64, SensorImage)> {
+fn decoded(recording: &Recording, index: &LogIndex, topic: &str) -> Vec<(u64, SensorImage)> {
     let of = |entry| {
         let Entry::Message(message) = entry else { return None };
         recording.channels.get(&message.channel).filter(|c| c.topic == topic)?;
-        let decoder = scan.decoders.get(&message.channel)?;
+        let decoder = index.decoders.get(&message.channel)?;
         let value = decoder.read(message.data()).ok()?;
         let Kind::Image(read) = decoder.message_type.kind else { return None };
         Some((message.log_time, decode(&read(&value).ok()?, CameraResponse::default()).ok()?.image))
@@ -86,15 +86,15 @@ fn decoded(recording: &Recording, scan: &Scan, topic: &str) -> Vec<(u64, SensorI
     recording.messages(Window::ALL).filter_map(of).collect()
 }
 
-fn pictures(recording: &Recording, scan: &Scan, topic: &str) -> BTreeMap<u64, LinearImage> {
-    decoded(recording, scan, topic)
+fn pictures(recording: &Recording, index: &LogIndex, topic: &str) -> BTreeMap<u64, LinearImage> {
+    decoded(recording, index, topic)
         .into_iter()
         .map(|(time, image)| (time, image.into_demosaiced()))
         .collect()
 }
 
 /// Keypoints of every frame with a floor below it.
-fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
+fn keypoints_of(log: &CameraSession, options: &Options) -> Vec<(u64, FrameSamples)> {
     let survey = &log.survey;
     let of = |(index, (time, image)): (usize, (u64, SensorImage))| {
         let stamp = survey.frames.get(index)?.stamp;
@@ -115,7 +115,7 @@ fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
             ),
         ))
     };
-    decoded(&log.recording, &log.scan, &survey.camera_topic)
+    decoded(&log.recording, &log.index, &survey.camera_topic)
         .into_iter()
         .enumerate()
         .filter_map(of)
@@ -124,7 +124,7 @@ fn keypoints_of(log: &Prepared, options: &Options) -> Vec<(u64, FrameSamples)> {
 
 type Pair = (usize, usize, Vec<(u32, u32)>);
 
-fn matched(log: &Prepared, frames: &[(u64, FrameSamples)], options: &Options) -> Vec<Pair> {
+fn matched(log: &CameraSession, frames: &[(u64, FrameSamples)], options: &Options) -> Vec<Pair> {
     let matching = &options.config.matching;
     let camera = &log.survey.rig.camera;
     let reduction =

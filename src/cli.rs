@@ -20,7 +20,7 @@ use crate::config::{
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
 use crate::recording::Window;
-use crate::session::{Options, survey::Selection};
+use crate::session::{Options, Selection};
 use crate::vehicle::RigFile;
 
 pub use commands::run;

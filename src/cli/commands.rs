@@ -18,12 +18,12 @@ use crate::error::{Error, Result};
 use crate::image::Container;
 use crate::messages::TYPES;
 use crate::model::ModelFile;
-use crate::recording::Recording;
+use crate::recording::{Channel, Recording};
 use crate::report::Report;
 use crate::run::clock_offsets::clock_offsets;
 use crate::run::memory::Load;
 use crate::run::{self, corrected_topic, output_container};
-use crate::session::{self, Options, survey};
+use crate::session::{CameraSession, Log, Options, Threads};
 
 /// Carries out what was said.
 ///
@@ -98,10 +98,10 @@ fn correct(args: &Correct) -> Result<Ended> {
         }
     }
     match &cameras[..] {
-        [(report, _)] if args.json => say(&report.to_json()),
+        [(report, _)] if args.json => write_json(report.to_json())?,
         several if args.json => {
             let reports: Vec<&Report> = several.iter().map(|(report, _)| report).collect();
-            say(&(serde_json::to_string_pretty(&reports).unwrap_or_default() + "\n"));
+            write_json(serde_json::to_string_pretty(&reports).map(|text| text + "\n"))?;
         }
         _ if args.shared.quiet => {}
         cameras => {
@@ -171,12 +171,11 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
         complain(&diagnostics, args.shared.verbose);
         complain(&model.diagnostics, args.shared.verbose);
     }
-    if to_stdout {
-        say(&model.to_json());
-        return Ok(Ended::Done);
-    }
-    write_text(&output, &model.to_json())?;
-    if !args.shared.quiet {
+    let json = model
+        .to_json()
+        .map_err(|e| Error::WriteRecord { path: output.clone(), reason: e.to_string() })?;
+    write_text(&output, &json)?;
+    if !args.shared.quiet && !to_stdout {
         say(&format!(
             "attenuation  {}\nwritten      {}\n",
             summary::attenuation(&model, Paint::of_stdout()),
@@ -186,146 +185,132 @@ fn estimate(args: &EstimateArgs) -> Result<Ended> {
     Ok(Ended::Done)
 }
 
-/// Writes a small file under a temporary name first.
+/// Writes a file, complete or not at all; `-` is stdout, where a closed pipe is no error.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<()> {
-    crate::products::write_whole(path, text.as_bytes())
+    if path.as_os_str() != "-" {
+        return crate::products::write_whole(path, text.as_bytes());
+    }
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(source) if source.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::Write { path: "stdout".into(), source })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// JSON on stdout.
+fn write_json(text: serde_json::Result<String>) -> Result<()> {
+    let failed =
+        |e: serde_json::Error| Error::WriteRecord { path: "stdout".into(), reason: e.to_string() };
+    write_text(Path::new("-"), &text.map_err(failed)?)
 }
 
 fn config(args: &ConfigArgs) -> Result<Ended> {
     let options = args.shared.options(&args.estimate, &args.render)?;
     say(&(options.config.to_commented_toml()
-        + &run::memory::table(&options.config, session::Threads::new(options.threads).count())));
+        + &run::memory::table(&options.config, Threads::new(options.threads).count())));
     Ok(Ended::Done)
 }
 
 fn inspect(args: &Inspect) -> Result<Ended> {
     let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
-    let (recording, mut scan) = match session::open(&args.input, &options) {
-        Err(Error::Empty { .. }) if options.window.is_none() => {
-            let recording = Recording::open(&args.input)?;
-            let threads = session::Threads::new(options.threads);
-            let scan = session::index::scan(
-                &recording,
-                crate::recording::Window::ALL,
-                &options.rig.dvl,
-                &threads,
-            )?;
-            (recording, scan)
-        }
-        other => other?,
-    };
-    let channels: Vec<_> = recording
-        .channels
-        .iter()
-        .map(|(id, c)| {
-            let scanned = scan.channels.get(id);
-            let decoder = scan.decoders.get(id);
-            json!({
-                "topic": c.topic,
-                "messages": scanned.map_or(0, |s| s.count),
-                "schema": recording.schemas.get(&c.schema_id).map_or("", |s| s.name.as_str()),
-                "message_encoding": c.message_encoding,
-                "read_as": decoder.map(|d| d.message_type.kind.label()),
-                "shape_of": decoder.map(|d| d.message_type.name),
-                "frame_id": scanned.map_or("", |s| s.frame_id.as_str()),
-                "description": scanned.map_or("", |s| s.description.as_str()),
-                "clock_offset_s": scanned.and_then(|s| s.clock_offset_s),
-                "unreadable": scanned.map_or(0, |s| s.unreadable.0),
-                "complaint": scanned.and_then(|s| s.unreadable.1.clone()),
-            })
-        })
-        .collect();
-    let damage = scan.damage.clone();
-    let (messages, span) = (scan.messages, scan.span);
-    let survey =
-        survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config);
-    let survey = survey
-        .and_then(|s| run::ensure_not_corrected(&recording, &s, &options.config, None).map(|()| s));
-    let (plans, missing) = match survey {
-        Ok(survey) if args.clocks => {
-            each_plan(&args.input, &options, vec![survey.camera_topic], true)
-        }
-        Ok(survey) => (vec![plan(&survey, &options)], Vec::new()),
-        Err(Error::SeveralCameras { topics }) => {
-            each_plan(&args.input, &options, topics, args.clocks)
-        }
-        Err(e) => (Vec::new(), vec![e.to_string()]),
-    };
+    let threads = Threads::new(options.threads);
+    let log = Log::scan(Recording::open(&args.input)?, &options, &threads)?;
+    // An empty log is described, an empty window is an error.
+    let log = if options.window.is_some() { log.with_messages(&options)? } else { log };
+    let (recording, index) = (&log.recording, &log.index);
+    let (plans, missing) = plans(&log, &options, args.clocks);
     let document = json!({
         "file": args.input.display().to_string(),
         "bytes": recording.length(),
         "profile": recording.profile,
         "complete": recording.is_complete,
-        "messages": messages,
-        "start_ns": span.map(|s| s.0),
-        "end_ns": span.map(|s| s.1),
+        "messages": index.messages,
+        "start_ns": index.span.map(|s| s.0),
+        "end_ns": index.span.map(|s| s.1),
         "chunks": recording.chunk_count(),
         "compression": recording.compressions,
         "attachments": recording.attachments().count(),
         "metadata": recording.metadata.iter().map(|m| m.name.clone()).collect::<Vec<_>>(),
-        "damage": damage,
+        "damage": index.damage,
         "diagnostics": recording.diagnostics(),
-        "channels": channels,
+        "channels": channels(&log),
         "plan": plans.first(),
         "plans": plans,
         "missing": if missing.is_empty() { None } else { Some(missing.join("; ")) },
     });
     if args.json {
-        say(&(serde_json::to_string_pretty(&document).unwrap_or_default() + "\n"));
+        write_json(serde_json::to_string_pretty(&document).map(|text| text + "\n"))?;
     } else {
         say(&inspect_text(&document));
     }
-    Ok(if damage.is_empty() { Ended::Done } else { Ended::DoneWithLosses })
+    Ok(if index.damage.is_empty() { Ended::Done } else { Ended::DoneWithLosses })
 }
 
-/// What would be done with each camera of a log that has several, and what keeps others from it.
-fn each_plan(
-    input: &Path,
-    options: &Options,
-    topics: Vec<String>,
-    with_clocks: bool,
-) -> (Vec<serde_json::Value>, Vec<String>) {
-    let (mut plans, mut missing) = (Vec::new(), Vec::new());
-    for topic in topics {
-        let mut chosen = options.clone();
-        chosen.selection.camera = Some(topic.clone());
-        match session::prepare(input, &chosen) {
-            Ok(prepared) => {
-                let mut plan = plan(&prepared.survey, &chosen);
-                if with_clocks && let Ok(found) = clock_offsets(&prepared, &chosen) {
-                    plan["clocks"] = json!(found.diagnostics(&prepared.survey, &chosen.rig));
+/// What the log has on each channel.
+fn channels(log: &Log) -> Vec<serde_json::Value> {
+    let describe = |(id, c): (&u16, &Channel)| {
+        let indexed = log.index.channels.get(id);
+        let decoder = log.index.decoders.get(id);
+        let schema = log.recording.schemas.get(&c.schema_id);
+        json!({
+            "topic": c.topic,
+            "messages": indexed.map_or(0, |s| s.count),
+            "schema": schema.map_or("", |s| s.name.as_str()),
+            "message_encoding": c.message_encoding,
+            "read_as": decoder.map(|d| d.message_type.kind.label()),
+            "shape_of": decoder.map(|d| d.message_type.name),
+            "frame_id": indexed.map_or("", |s| s.frame_id.as_str()),
+            "description": indexed.map_or("", |s| s.description.as_str()),
+            "clock_offset_s": indexed.and_then(|s| s.clock_offset_s),
+            "unreadable": indexed.map_or(0, |s| s.unreadable.0),
+            "complaint": indexed.and_then(|s| s.unreadable.1.clone()),
+        })
+    };
+    log.recording.channels.iter().map(describe).collect()
+}
+
+/// What a run would do with each camera, and what prevents it.
+fn plans(log: &Log, options: &Options, with_clocks: bool) -> (Vec<serde_json::Value>, Vec<String>) {
+    let session = CameraSession::new(log, options)
+        .and_then(|session| run::ensure_not_corrected(&session, None).map(|()| session));
+    match session {
+        Ok(session) => (vec![plan(&session, options, with_clocks)], Vec::new()),
+        Err(Error::SeveralCameras { topics }) => {
+            let (mut plans, mut missing) = (Vec::new(), Vec::new());
+            for topic in topics {
+                let options = options.for_camera(&topic);
+                match CameraSession::new(log, &options) {
+                    Ok(session) => plans.push(plan(&session, &options, with_clocks)),
+                    Err(e) => missing.push(format!("{topic}: {e}")),
                 }
-                plans.push(plan);
             }
-            Err(e) => missing.push(format!("{topic}: {e}")),
+            (plans, missing)
         }
+        Err(e) => (Vec::new(), vec![e.to_string()]),
     }
-    (plans, missing)
 }
 
-/// What would be done with a camera.
-fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
-    let planes: Vec<_> = s
-        .frames
-        .iter()
-        .map(|f| s.pings.seafloor(f.stamp, &s.rig, &options.config.seafloor))
-        .collect();
-    let altitudes: Vec<f64> = planes
-        .iter()
-        .flatten()
-        .map(|p| p.distance_m - p.normal.vector().dot(&s.rig.body_from_optical.origin().vector()))
-        .collect();
+/// What a run would do with a camera.
+fn plan(session: &CameraSession, options: &Options, with_clocks: bool) -> serde_json::Value {
+    let s = &session.survey;
+    let planes = s.frames.iter().filter_map(|f| session.seafloor(f.stamp).ok());
+    let altitudes: Vec<f64> = planes.map(|p| p.camera_altitude_m(&s.rig)).collect();
+    let lowest = altitudes.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = altitudes.iter().copied().fold(0.0, f64::max);
+    let clocks = with_clocks.then(|| clock_offsets(session, options).ok()).flatten();
     let container = output_container(s.container, &options.config);
-    let (pixels, source_bytes) = s.picture;
-    let threads = session::Threads::new(options.threads).count();
+    let (pixels, source_bytes) = (s.image_pixels, s.image_bytes);
+    let threads = Threads::new(options.threads).count();
     let pass_one_frames = s.frames.len().min(options.config.estimate.max_frames);
     let memory =
         Load { threads, pixels, source_bytes, pass_one_frames }.bound(&options.config).total();
-    json!({
+    let mut plan = json!({
         "camera": s.camera_topic,
         "frames": s.frames.len(),
         "frames_with_seafloor": altitudes.len(),
-        "camera_altitude_m": if altitudes.is_empty() { None } else { Some([altitudes.iter().copied().fold(f64::INFINITY, f64::min), altitudes.iter().copied().fold(0.0, f64::max)]) },
+        "camera_altitude_m": (!altitudes.is_empty()).then_some([lowest, highest]),
         "dvl": s.dvl_topic,
         "pings": s.pings.count(),
         "attitude": s.attitude_topic,
@@ -335,7 +320,11 @@ fn plan(s: &survey::Survey, options: &Options) -> serde_json::Value {
         "threads": threads,
         "memory_at_most_bytes": memory,
         "diagnostics": s.diagnostics,
-    })
+    });
+    if let Some(found) = clocks {
+        plan["clocks"] = json!(found.diagnostics(s, &options.rig));
+    }
+    plan
 }
 
 /// A diagnostic in JSON as text, with its remedy below.

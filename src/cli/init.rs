@@ -6,8 +6,12 @@ use super::commands::{say, write_text};
 use super::{Ended, EstimateOptions, Init, RenderOptions};
 use crate::diagnostics::{Diagnostic, Severity};
 use crate::error::{Error, Result};
-use crate::session::{self, Options, survey};
-use crate::vehicle::{MountFacts, RigFile};
+use crate::session::survey::{Survey, facts_without_ranges, rig_facts, survey};
+use crate::session::{Log, Options};
+use crate::vehicle::{CameraFacts, MountFacts, RigFile};
+
+/// Field of view of a camera whose calibration is not known yet [deg].
+const REPLACED_VIEW_DEG: f64 = 60.0;
 
 pub fn run(args: &Init) -> Result<Ended> {
     let options = args.shared.options(&EstimateOptions::default(), &RenderOptions::default())?;
@@ -15,87 +19,61 @@ pub fn run(args: &Init) -> Result<Ended> {
     if !to_stdout {
         crate::recording::check_output_path(&args.input, &args.output, options.force)?;
     }
-    let (facts, notes) = known_facts(&args.input, &options)?;
+    let (facts, notes) = known_facts(&Log::open(&args.input, &options)?, &options)?;
     let text = rig_text(&facts, &args.input, &notes);
-    if to_stdout {
-        say(&text);
-    } else {
-        write_text(&args.output, &text)?;
+    write_text(&args.output, &text)?;
+    if !to_stdout {
         say(&format!("written      {}\n", args.output.display()));
     }
     Ok(Ended::Done)
 }
 
-/// What the log knows of the rig; where a mount is missing, what the others are.
-fn known_facts(input: &Path, options: &Options) -> Result<(RigFile, Vec<String>)> {
-    let (recording, mut scan) = session::open(input, options)?;
-    match survey::survey(&recording, &mut scan, &options.selection, &options.rig, &options.config) {
-        Ok(s) => Ok((survey::rig_facts(&s.rig, &options.rig), warnings(&s))),
-        Err(
-            e @ (Error::NoMount { .. }
-            | Error::NoCalibration { .. }
-            | Error::NoRanges { .. }
-            | Error::Rig(_)),
-        ) => {
-            // Take what can be had with a stand-in for what is missing, and leave that open in the
-            // file.
-            let mut stand_in = options.clone();
-            let (mut open_camera, mut open_dvl) = (false, false);
-            let mut last = e;
-            for _ in 0..2 {
-                let pinhole = stand_in.rig.camera.horizontal_field_of_view_deg.is_none();
-                match &last {
-                    Error::NoCalibration { .. } if pinhole => {
-                        stand_in.rig.camera.horizontal_field_of_view_deg = Some(60.0);
-                        open_camera = true;
-                    }
-                    Error::NoMount { .. } => {
-                        stand_in.rig.dvl.mount = Some(MountFacts {
-                            translation_m: [0.0; 3],
-                            rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
-                            roll_pitch_yaw_deg: None,
-                        });
-                        open_dvl = true;
-                    }
-                    _ => break,
+/// The rig of the log, and what to know of it. What is missing stays open in the file; the log is
+/// surveyed with a replacement for it, to find the rest.
+fn known_facts(log: &Log, options: &Options) -> Result<(RigFile, Vec<String>)> {
+    let mut replaced = options.clone();
+    let (mut open_camera, mut open_dvl) = (false, false);
+    loop {
+        let error = match survey(log, &replaced) {
+            Ok(s) => {
+                let mut facts = rig_facts(&s.rig, &options.rig);
+                if open_camera {
+                    let CameraFacts { width, height, mount, .. } = facts.camera;
+                    facts.camera = CameraFacts { width, height, mount, ..Default::default() };
                 }
-                let (recording, mut scan) = session::open(input, &stand_in)?;
-                match survey::survey(
-                    &recording,
-                    &mut scan,
-                    &stand_in.selection,
-                    &stand_in.rig,
-                    &stand_in.config,
-                ) {
-                    Ok(s) => {
-                        let mut facts = survey::rig_facts(&s.rig, &options.rig);
-                        if open_camera {
-                            facts.camera = crate::vehicle::CameraFacts {
-                                width: facts.camera.width,
-                                height: facts.camera.height,
-                                mount: facts.camera.mount,
-                                ..Default::default()
-                            };
-                        }
-                        if open_dvl {
-                            facts.dvl.mount = None;
-                        }
-                        return Ok((facts, warnings(&s)));
-                    }
-                    Err(next) => last = next,
+                if open_dvl {
+                    facts.dvl.mount = None;
                 }
+                return Ok((facts, warnings(&s)));
             }
-            let (recording, scan) = session::open(input, options)?;
-            Ok((
-                survey::facts_without_ranges(&recording, &scan, &options.selection, &options.rig),
-                vec![last.to_string()],
-            ))
+            Err(error) => error,
+        };
+        let has_view = replaced.rig.camera.horizontal_field_of_view_deg.is_some();
+        match error {
+            Error::NoCalibration { .. } if !has_view => {
+                replaced.rig.camera.horizontal_field_of_view_deg = Some(REPLACED_VIEW_DEG);
+                open_camera = true;
+            }
+            Error::NoMount { .. } if !open_dvl => {
+                replaced.rig.dvl.mount = Some(MountFacts {
+                    translation_m: [0.0; 3],
+                    rotation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
+                    roll_pitch_yaw_deg: None,
+                });
+                open_dvl = true;
+            }
+            Error::NoCalibration { .. } | Error::NoRanges { .. } | Error::Rig(_) => {
+                return Ok((facts_without_ranges(log, options), vec![error.to_string()]));
+            }
+            error if open_camera || open_dvl => {
+                return Ok((facts_without_ranges(log, options), vec![error.to_string()]));
+            }
+            error => return Err(error),
         }
-        Err(e) => Err(e),
     }
 }
 
-fn warnings(survey: &survey::Survey) -> Vec<String> {
+fn warnings(survey: &Survey) -> Vec<String> {
     let warnings = survey.diagnostics.iter().filter(|d| d.severity() == Severity::Warning);
     warnings.map(Diagnostic::with_remedy).collect()
 }

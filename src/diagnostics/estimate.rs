@@ -16,6 +16,9 @@ facts! {
             text("{frames} frames are lit differently from their neighbours (strobe drop-outs); \
                   they are compensated"),
             remedy("nothing has to be done; check the charging or the trigger of the strobe");
+        Info "drop-outs-of-other-logs" GainsOfOtherLogs { frames: usize },
+            text("drop-outs of {frames} frames in the model are of other logs and not used"),
+            remedy("strobe drop-outs of this log are compensated by a model estimated from it");
         Warning "backscatter-not-determined" BackscatterUnknown,
             text("--backscatter on: the log does not determine backscatter; it is not removed"),
             remedy("frames that overlap at different altitudes are needed");

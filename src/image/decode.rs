@@ -48,38 +48,8 @@ pub fn decode(
     encoded: &EncodedImage<'_>,
     response: CameraResponse<'_>,
 ) -> Result<DecodedImage, String> {
-    decode_with(encoded, response, &mut Buffers::default())
-}
-
-/// Memory that is reused from image to image: allocating it anew takes up to a tenth of the
-/// decoding time.
-#[derive(Default)]
-pub struct Buffers {
-    pixels: Vec<u8>,
-    light: Vec<f32>,
-}
-
-impl Buffers {
-    /// Takes back the memory of an image that is no longer needed.
-    pub fn recycle(&mut self, image: SensorImage) {
-        self.light = image.light.pixels;
-    }
-}
-
-/// As [`decode`], with reused buffers.
-///
-/// # Errors
-/// See [`read_pixels`].
-pub fn decode_with(
-    encoded: &EncodedImage<'_>,
-    response: CameraResponse<'_>,
-    buffers: &mut Buffers,
-) -> Result<DecodedImage, String> {
-    let values = read_pixels_with(encoded, response, std::mem::take(&mut buffers.pixels))?;
-    let image = values.to_linear(std::mem::take(&mut buffers.light));
-    let decoded = DecodedImage { image, coding: values.coding };
-    buffers.pixels = values.into_buffer();
-    Ok(decoded)
+    let values = read_pixels(encoded, response)?;
+    Ok(DecodedImage { image: values.to_linear(Vec::new()), coding: values.coding })
 }
 
 /// Pixel values of an image.

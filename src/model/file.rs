@@ -13,6 +13,7 @@ use super::{
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
+use crate::recording::FrameId;
 use crate::vehicle::StrobeSource;
 
 /// The value of `format`.
@@ -97,6 +98,12 @@ pub struct BeamPatternFile {
 /// A frame that got another amount of light than its neighbours.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameGainFile {
+    /// its place in its log; absent in files of earlier versions
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameId>,
+    /// its log, an index of `inputs`
+    #[serde(default)]
+    pub input: usize,
     /// its time [ns]
     pub stamp_ns: i64,
     /// its light over its neighbours'
@@ -415,7 +422,10 @@ impl ModelFile {
     }
 
     /// As text, keys in order, ending in a newline.
-    pub fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    ///
+    /// # Errors
+    /// It cannot be written as JSON.
+    pub fn to_json(&self) -> serde_json::Result<String> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 }

@@ -1,10 +1,9 @@
-//! A data set that an archive takes: the corrected stills, a table of them in the words BIIGLE
-//! reads, and an iFDO record (image FAIR digital object, version 2.1) of the whole. The stills are
-//! the log's own bytes where they are files already.
+//! A data set for archives: the corrected stills, a table of them with the columns of BIIGLE, and an
+//! iFDO record (image FAIR digital object, version 2.1) of the whole. Stills that are files in the
+//! log are copied byte for byte.
 //!
-//! What no log can know (who, under which licence, for which project) is left out unless a file of
-//! facts gives it: a made-up word would be worse than none. The lists are written last, so a folder
-//! without `ifdo.json` is not finished.
+//! What no log contains (creator, licence, project) is left out unless a file of facts supplies it.
+//! The lists are written last: a folder without `ifdo.json` is incomplete.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -13,13 +12,14 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::{Map, Value as Json, json};
 
-use super::dive::{CameraLog, CorrectedLog, FrameRecord, messages_of};
+use super::dive::{CameraLog, CorrectedLog, FrameRecord, Images};
+use super::messages::messages_by_id;
 use super::places::{Fix, Places, fix_at};
 use super::write_whole;
 use crate::error::{Error, Result};
 use crate::image::{EncodedImage, ImageShape, encode};
 use crate::messages::Kind;
-use crate::recording::{Message, Window};
+use crate::recording::{Damage, FrameId, Message, Window};
 use crate::session::{Progress, Step, sha256};
 use crate::units::Stamp;
 
@@ -75,28 +75,16 @@ pub fn export(
     window: Window,
     progress: &dyn Progress,
 ) -> Result<DataSet> {
-    let topic = camera.fact("corrected_topic");
-    let channels: BTreeSet<u16> = log
-        .recording
-        .channels
-        .iter()
-        .filter(|(_, c)| c.topic == topic)
-        .map(|(id, _)| *id)
-        .collect();
-    let records: BTreeMap<u64, &FrameRecord> =
-        camera.corrected().map(|(_, record)| (record.log_time, record)).collect();
-    if records.is_empty() {
-        let remedy = "no frame of it was corrected; its report says why".into();
-        return Err(Error::BadFile {
-            path: log.recording.path().into(),
-            what: "nothing to export",
-            reason: remedy,
-        });
+    let records = log.records(camera, Images::Corrected);
+    if camera.corrected().next().is_none() {
+        let reason = "no frame of it was corrected; its report says why";
+        return Err(bad(log, "nothing to export", reason.into()));
     }
+    ensure_complete(log, camera, &records, window)?;
     let stills_folder = folder.join("images");
     std::fs::create_dir_all(&stills_folder)
         .map_err(|source| Error::Write { path: stills_folder.clone(), source })?;
-    let places = Places::read(&log.recording, window);
+    let places = Places::read(&log.scanned.recording, window)?;
     let fixes = places.best_fixes().map(|(_, fixes)| fixes.as_slice()).unwrap_or_default();
     let sensor = camera
         .fact("camera_topic")
@@ -108,50 +96,99 @@ pub fn export(
 
     progress.begin(Step::Correct, records.len());
     let (mut stills, mut names) = (Vec::new(), BTreeSet::new());
-    for message in messages_of(&log.recording, &channels, window) {
-        let Some(record) = records.get(&message.log_time) else { continue };
-        let unreadable = |reason: String| Error::BadFile {
-            path: log.recording.path().into(),
-            what: "a corrected picture",
-            reason,
+    let ids = records.keys().copied().collect();
+    for message in messages_by_id(&log.scanned.recording, &ids) {
+        let message = message?;
+        let Some(record) = records.get(&message.id).and_then(|i| camera.frames.get(*i)) else {
+            continue;
         };
-        let (bytes, ending) = still(log, &message).map_err(unreadable)?;
-        let taken = utc(record.stamp).replace(['-', ':'], "").replace(' ', "_");
-        // Two in one millisecond are told apart by their nanoseconds.
-        let plain = format!("{sensor}_{taken}.{ending}");
-        let name = if names.contains(&plain) {
-            format!("{sensor}_{taken}_{}.{ending}", record.stamp.0)
-        } else {
-            plain
-        };
-        names.insert(name.clone());
+        let (bytes, ending) = still(log, &message).map_err(|e| bad(log, "a corrected image", e))?;
+        let name = file_name(&sensor, record, ending, &mut names);
         write_whole(&stills_folder.join(&name), &bytes)?;
         stills.push(Still { name, record, fix: fix_at(fixes, record.stamp), hash: sha256(&bytes) });
         progress.advance(1);
     }
     progress.end();
-    let header = header(log, camera, facts, &stills, &sensor);
+    let header = header(log, camera, facts, &stills, &sensor)?;
     let missing = REQUIRED.iter().filter(|key| !header.contains_key(**key)).copied().collect();
     let items: Map<String, Json> =
         stills.iter().map(|still| (still.name.clone(), item(camera, still))).collect();
     let ifdo = json!({ "image-set-header": header, "image-set-items": items });
-    let text = |value: &Json| serde_json::to_string_pretty(value).unwrap_or_default() + "\n";
-    write_whole(&folder.join("model.json"), camera.model.to_json().as_bytes())?;
-    write_whole(&folder.join("report.json"), camera.report.to_json().as_bytes())?;
+    write_json(&folder.join("model.json"), camera.model.to_json())?;
+    write_json(&folder.join("report.json"), camera.report.to_json())?;
     write_whole(&folder.join("images.csv"), table(&stills).as_bytes())?;
-    write_whole(&folder.join("ifdo.json"), text(&ifdo).as_bytes())?;
+    write_json(&folder.join("ifdo.json"), serde_json::to_string_pretty(&ifdo).map(|t| t + "\n"))?;
     Ok(DataSet { stills: stills.len(), missing })
 }
 
-/// A picture as a file, and its name's ending.
+fn bad(log: &CorrectedLog, what: &'static str, reason: String) -> Error {
+    Error::BadFile { path: log.scanned.recording.path().into(), what, reason }
+}
+
+/// Every frame that was corrected must have its image: an export with holes looks complete.
+fn ensure_complete(
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    records: &BTreeMap<FrameId, usize>,
+    window: Window,
+) -> Result<()> {
+    let found: BTreeSet<usize> = records.values().copied().collect();
+    let without_image: Vec<&FrameRecord> =
+        camera.corrected().filter(|(i, _)| !found.contains(i)).map(|(_, f)| f).collect();
+    let recorded = found.len() + without_image.len();
+    // Damage takes records as well as images. The report has the number of all.
+    let is_whole = window == Window::ALL;
+    let expected = if is_whole { camera.report.corrected.max(recorded) } else { recorded };
+    let may_hit = |d: &&Damage| d.end_ns == 0 || window.overlaps((d.start_ns, d.end_ns));
+    let damage = log.scanned.index.damage.iter().find(may_hit);
+    let missing = match (expected - found.len(), damage) {
+        (0, Some(_)) if !is_whole => "an unknown number".to_string(),
+        (0, _) => return Ok(()),
+        (missing, _) => missing.to_string(),
+    };
+    let first = without_image.first();
+    let first = first.map_or_else(String::new, |f| format!(", the first of {} UTC", utc(f.stamp)));
+    let cause = damage.map_or_else(String::new, |d| format!("; the log is damaged: {}", d.reason));
+    let topic = camera.topic(Images::Corrected);
+    let reason = format!(
+        "{missing} of {expected} on {topic}{first}{cause}; look for an undamaged copy, or export \
+         the segments around them with -S and -E"
+    );
+    Err(bad(log, "corrected images are missing", reason))
+}
+
+/// An unused file name for a frame.
+fn file_name(
+    sensor: &str,
+    record: &FrameRecord,
+    ending: &str,
+    names: &mut BTreeSet<String>,
+) -> String {
+    let taken = utc(record.stamp).replace(['-', ':'], "").replace(' ', "_");
+    // Two in one millisecond are distinguished by their nanoseconds, two of one stamp by a number.
+    let plain = format!("{sensor}_{taken}.{ending}");
+    let precise = format!("{sensor}_{taken}_{}.{ending}", record.stamp.0);
+    let numbered = |n: usize| format!("{sensor}_{taken}_{}_{n}.{ending}", record.stamp.0);
+    let mut candidates = [plain, precise].into_iter().chain((2..).map(numbered));
+    candidates.find(|name| names.insert(name.clone())).unwrap_or_default()
+}
+
+fn write_json(path: &Path, text: serde_json::Result<String>) -> Result<()> {
+    let failed =
+        |e: serde_json::Error| Error::WriteRecord { path: path.into(), reason: e.to_string() };
+    write_whole(path, text.map_err(failed)?.as_bytes())
+}
+
+/// An image as a file, and the ending of its name.
 fn still(
     log: &CorrectedLog,
     message: &Message,
 ) -> std::result::Result<(Vec<u8>, &'static str), String> {
-    let decoder = log.scan.decoders.get(&message.channel).ok_or("its type is not known")?;
+    let decoder =
+        log.scanned.index.decoders.get(&message.channel).ok_or("its type is not known")?;
     let value = decoder.read(message.data())?;
     let Kind::Image(read) = decoder.message_type.kind else {
-        return Err("its channel holds no pictures".into());
+        return Err("its channel holds no images".into());
     };
     match read(&value)? {
         EncodedImage::Compressed { data, .. } if data.starts_with(b"\xff\xd8") => {
@@ -166,7 +203,9 @@ fn still(
                 "rgb8" => (3, 8),
                 "mono16" => (1, 16),
                 "rgb16" => (3, 16),
-                other => return Err(format!("pictures coded {other} are not written as files")),
+                other => {
+                    return Err(format!("images of encoding {other} are not written as files"));
+                }
             };
             let row = width * bands * usize::from(bits) / 8;
             let rows = data
@@ -202,10 +241,9 @@ fn header(
     facts: &Map<String, Json>,
     stills: &[Still<'_>],
     sensor: &str,
-) -> Map<String, Json> {
+) -> Result<Map<String, Json>> {
     let source = camera.fact("source_sha256");
-    let source =
-        if source.is_empty() { log.recording.sha256().unwrap_or_default() } else { source };
+    let source = if source.is_empty() { log.scanned.recording.sha256()? } else { source };
     let model = &camera.model;
     let water = format!(
         "{} attenuation coefficients in 1/m (red, green, blue): {}; {}; see model.json",
@@ -219,7 +257,10 @@ fn header(
     );
     let mut header = Map::new();
     let mut set = |key: &str, value: Json| header.insert(key.into(), value);
-    set("image-set-name", json!(log.recording.path().file_stem().map(|s| s.to_string_lossy())));
+    set(
+        "image-set-name",
+        json!(log.scanned.recording.path().file_stem().map(|s| s.to_string_lossy())),
+    );
     set("image-set-uuid", json!(uuid(&format!("{source} {}", camera.fact("camera_topic")))));
     set("image-set-ifdo-version", json!("v2.1.0"));
     set("image-sensor", json!({ "name": sensor }));
@@ -244,7 +285,7 @@ fn header(
         set("image-coordinate-reference-system", json!("EPSG:4326"));
     }
     header.extend(facts.clone());
-    header
+    Ok(header)
 }
 
 fn item(camera: &CameraLog, still: &Still<'_>) -> Json {
@@ -280,7 +321,7 @@ fn table(stills: &[Still<'_>]) -> String {
         let (lng, lat) = fix
             .map_or_else(Default::default, |f| (f.longitude.to_string(), f.latitude.to_string()));
         let (support, residual) = record
-            .floor
+            .seafloor
             .as_ref()
             .map_or_else(Default::default, |f| (f.support.clone(), number(f.residual_m)));
         let line = writeln!(

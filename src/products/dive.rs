@@ -1,61 +1,60 @@
-//! A corrected log, read back: whose cameras were corrected, with what model, and what became of
+//! A corrected log, read back: which cameras were corrected, with what model, and the result for
 //! each frame.
 //!
-//! Everything stands in the log itself: the metadata records `unwater…`, the attachments beside
-//! them and the channels under `/unwater`. See docs/formats.md.
+//! Everything is in the log itself: the metadata records `unwater…`, the attachments beside them
+//! and the channels under `/unwater`. See docs/formats.md.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 
+use super::messages::messages_of;
 use crate::config::{Config, SETTINGS};
 use crate::error::{Error, Result};
 use crate::messages::value::Value;
 use crate::messages::{Decoder, header};
 use crate::model::ModelFile;
-use crate::recording::{Block, Entry, Message, Recording, Window};
+use crate::recording::{FrameId, Message, Recording};
 use crate::report::Report;
 use crate::run::bench::Bench;
-use crate::session::index::Scan;
-use crate::session::survey::Selection;
-use crate::session::{self, Options};
+use crate::session::{CameraSession, FrameRef, Log, Options, Selection, Threads};
 use crate::units::Stamp;
 use crate::vehicle::RigFile;
 
-/// The floor below a frame, as `/unwater/seafloor` has it.
+/// The seafloor below a frame, as `/unwater/seafloor` has it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct FloorFacts {
-    /// root mean square of the hits' heights over it [m]; NaN where nothing was left over
+pub struct SeafloorFacts {
+    /// root mean square distance of the returns from it [m]; NaN without redundant returns
     pub residual_m: f64,
-    /// what held it
+    /// what the plane rests on
     pub support: String,
 }
 
-/// What became of one frame, as `/unwater/frame` has it.
+/// The result for one frame, as `/unwater/frame` has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameRecord {
     /// log time [ns]
     pub log_time: u64,
-    /// its own time
+    /// time of its header
     pub stamp: Stamp,
     /// whether it was corrected
     pub corrected: bool,
     /// why not
     pub reason: String,
-    /// height of the camera over the floor [m]; NaN where there is none
+    /// altitude of the camera [m]; NaN where no seafloor is known
     pub altitude_m: f64,
-    /// the floor
-    pub floor: Option<FloorFacts>,
+    /// seafloor below it
+    pub seafloor: Option<SeafloorFacts>,
 }
 
 /// One camera of a corrected log.
 pub struct CameraLog {
-    /// what stands behind `/unwater` in its names; empty for the first
+    /// follows `/unwater` in its names; empty for the first
     pub place: String,
     /// the metadata record
     pub facts: BTreeMap<String, String>,
     /// the model
     pub model: ModelFile,
-    /// the account of the run
+    /// the report of the run
     pub report: Report,
     /// frames in the order of the file
     pub frames: Vec<FrameRecord>,
@@ -64,10 +63,8 @@ pub struct CameraLog {
 
 /// A corrected log.
 pub struct CorrectedLog {
-    /// the file
-    pub recording: Recording,
-    /// what it holds
-    pub scan: Scan,
+    /// the file and what it holds
+    pub scanned: Log,
     /// the settings of the run
     pub config: Config,
     /// the cameras that were corrected
@@ -75,123 +72,81 @@ pub struct CorrectedLog {
 }
 
 impl CorrectedLog {
-    /// Reads a corrected log's own account.
+    /// Reads the records of a correction.
     ///
     /// # Errors
-    /// It cannot be read, or holds no correction.
+    /// The log cannot be read, or holds no correction.
     pub fn open(path: &Path, options: &Options) -> Result<Self> {
-        let (recording, scan) = session::open(path, options)?;
-        let bad =
-            |what: &'static str, reason: String| Error::BadFile { path: path.into(), what, reason };
-        let mut texts: BTreeMap<String, String> = BTreeMap::new();
-        for attachment in recording.attachments().flatten() {
-            // A log that was corrected twice has two of a name; the later one is that of the last
-            // run.
-            let data = recording.attachment_data(&attachment)?;
-            texts.insert(attachment.name, String::from_utf8_lossy(&data).into_owned());
-        }
-        let mut records: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
-        for record in &recording.metadata {
-            let place =
-                record.name.strip_prefix("unwater").filter(|p| p.is_empty() || p.starts_with('/'));
-            if let Some(place) = place.filter(|_| record.metadata.contains_key("corrected_topic")) {
-                records.insert(place.into(), record.metadata.clone());
-            }
-        }
-        if records.is_empty() {
-            let remedy =
-                "it holds no record of a correction; give the output of `unwater correct`".into();
-            return Err(bad("no corrected log", remedy));
-        }
+        let recording = Recording::open(path)?;
+        let texts = texts(&recording)?;
+        let cameras = cameras(&recording, &texts)?;
+        // Ranges are read as they were for the correction.
+        let rig = cameras.first().map(|c| c.rig.clone()).unwrap_or_default();
+        let reading = Options { rig, ..options.clone() };
+        let scanned = Log::scan(recording, &reading, &Threads::new(options.threads))?;
+        let scanned = scanned.with_messages(&reading)?;
         let config =
             texts.get("unwater.toml").map_or_else(Config::default, |text| settings_of(text));
-        let mut cameras = Vec::new();
-        for (place, facts) in records {
-            let named = |name: &str| texts.get(format!("{place}/{name}").trim_start_matches('/'));
-            let model = named("model.json").ok_or_else(|| {
-                bad(
-                    "no model",
-                    "its attachment model.json is missing; correct the dive anew".into(),
-                )
-            })?;
-            let model =
-                ModelFile::from_json(model).map_err(|e| bad("the attachment model.json", e))?;
-            let report = named("report.json")
-                .and_then(|text| Report::from_json(text).ok())
-                .unwrap_or_default();
-            let mut rig: RigFile =
-                named("rig.toml").and_then(|text| toml::from_str(text).ok()).unwrap_or_default();
-            // Files that the rig file pointed to may lie on another machine.
-            if rig.camera.flat_field.as_ref().is_some_and(|f| !f.is_file()) {
-                rig.camera.flat_field = None;
-            }
-            cameras.push(CameraLog { place, facts, model, report, frames: Vec::new(), rig });
-        }
-        let mut log = Self { recording, scan, config, cameras };
-        log.read_frames(options.window.unwrap_or(Window::ALL));
-        Ok(log)
+        let mut corrected = Self { scanned, config, cameras };
+        corrected.read_frames(options)?;
+        Ok(corrected)
     }
 
-    fn read_frames(&mut self, window: Window) {
+    fn read_frames(&mut self, options: &Options) -> Result<()> {
         let mut sinks: BTreeMap<u16, (usize, bool, Decoder)> = BTreeMap::new();
+        let recording = &self.scanned.recording;
         for (index, camera) in self.cameras.iter().enumerate() {
-            for (id, channel) in &self.recording.channels {
+            for (id, channel) in &recording.channels {
                 let is_frame = channel.topic == format!("/unwater{}/frame", camera.place);
-                let is_floor = channel.topic == format!("/unwater{}/seafloor", camera.place);
-                let Some(schema) =
-                    self.recording.schemas.get(&channel.schema_id).filter(|_| is_frame || is_floor)
-                else {
-                    continue;
-                };
-                if let Ok(decoder) = Decoder::by_path(
-                    &channel.message_encoding,
-                    &schema.name,
-                    &schema.encoding,
-                    &schema.data,
-                ) {
+                let is_seafloor = channel.topic == format!("/unwater{}/seafloor", camera.place);
+                let schema = recording.schemas.get(&channel.schema_id);
+                let Some(schema) = schema.filter(|_| is_frame || is_seafloor) else { continue };
+                let (encoding, data) = (&schema.encoding, &schema.data);
+                let decoder =
+                    Decoder::by_path(&channel.message_encoding, &schema.name, encoding, data);
+                if let Ok(decoder) = decoder {
                     sinks.insert(*id, (index, is_frame, decoder));
                 }
             }
         }
-        let mut floors: Vec<Option<(u64, FloorFacts)>> =
+        let mut seafloors: Vec<Option<(u64, SeafloorFacts)>> =
             self.cameras.iter().map(|_| None).collect();
         let wanted: BTreeSet<u16> = sinks.keys().copied().collect();
-        for message in messages_of(&self.recording, &wanted, window) {
+        for message in messages_of(recording, &wanted, options.window()) {
+            let message = message?;
             let Some((index, is_frame, decoder)) = sinks.get(&message.channel) else { continue };
-            let Ok(value) = decoder.read(message.data()) else { continue };
+            let value = decoder.read(message.data()).map_err(|reason| Error::BadFile {
+                path: recording.path().into(),
+                what: "a record of the correction",
+                reason,
+            })?;
             if *is_frame {
-                let floor = floors[*index]
-                    .take()
-                    .filter(|(time, _)| *time == message.log_time)
-                    .map(|(_, floor)| floor);
-                let record = frame_record(&value, message.log_time, message.log_stamp(), floor);
+                let seafloor = seafloors[*index].take();
+                let seafloor = seafloor.filter(|(time, _)| *time == message.log_time);
+                let record = frame_record(&value, &message, seafloor.map(|(_, facts)| facts));
                 self.cameras[*index].frames.push(record);
             } else {
-                let number = |key: &str| value.number(key).unwrap_or(f64::NAN);
-                let floor = FloorFacts {
-                    residual_m: number("residual_m"),
+                let facts = SeafloorFacts {
+                    residual_m: value.number("residual_m").unwrap_or(f64::NAN),
                     support: value.text("support").unwrap_or("").into(),
                 };
-                floors[*index] = Some((message.log_time, floor));
+                seafloors[*index] = Some((message.log_time, facts));
             }
         }
+        Ok(())
     }
 
-    /// A camera's frames on the bench: its raw pictures, or the corrected ones where those alone
-    /// are there.
+    /// A camera with its raw images, or with the corrected ones where only those are in the log.
     ///
     /// # Errors
     /// What is missing in the log.
-    pub fn bench(&self, camera: &CameraLog, of: Pictures, options: &Options) -> Result<Bench> {
-        let topic = match of {
-            Pictures::Raw => camera.fact("camera_topic"),
-            Pictures::Corrected => camera.fact("corrected_topic"),
-        };
-        if !self.recording.channels.values().any(|c| c.topic == topic) {
+    pub fn bench(&self, camera: &CameraLog, images: Images, options: &Options) -> Result<Bench> {
+        let topic = camera.topic(images);
+        if !self.scanned.recording.channels.values().any(|c| c.topic == topic) {
             return Err(Error::NoSuchTopic {
                 what: "camera",
                 topic: topic.into(),
-                seen: session::survey::channel_list(&self.recording),
+                seen: self.scanned.channel_list(),
             });
         }
         let mut options =
@@ -201,46 +156,117 @@ impl CorrectedLog {
             dvl: Some(camera.fact("dvl_topic").into()),
             strobe_frame: None,
         };
-        if of == Pictures::Corrected {
-            // Its stamps are the raw pictures'; its light needs no lens and no response any more.
+        let mut file = camera.model.clone();
+        if images == Images::Corrected {
+            // Their stamps are those of the raw images; vignetting and response are removed.
             let offset = options.rig.time_offset_s.remove(camera.fact("camera_topic"));
             options.rig.time_offset_s.extend(offset.map(|s| (topic.to_string(), s)));
-            (
-                options.rig.camera.flat_field,
-                options.rig.camera.vignetting,
-                options.rig.camera.response,
-            ) = (None, None, None);
+            let facts = &mut options.rig.camera;
+            (facts.flat_field, facts.vignetting, facts.response) = (None, None, None);
             options.config.light = Default::default();
-        }
-        let prepared = session::prepare(self.recording.path(), &options)?;
-        let mut file = camera.model.clone();
-        if of == Pictures::Corrected {
             file.rendering.white_level = None;
         }
-        Bench::new(prepared, file, options.config, options.threads)
+        // Only where cameras were corrected in several runs, their ranges may be read differently.
+        let session = if self.scanned.is_read_by(&options.rig.dvl) {
+            CameraSession::new(&self.scanned, &options)?
+        } else {
+            CameraSession::open(self.scanned.recording.path(), &options)?
+        };
+        Bench::new(session, file, Some(camera.fact("source_sha256")), options.threads)
+    }
+
+    /// A camera with these images, and the records of its frames.
+    ///
+    /// # Errors
+    /// What is missing in the log.
+    pub fn source(
+        &self,
+        camera: &CameraLog,
+        images: Images,
+        options: &Options,
+    ) -> Result<ImageSource> {
+        let bench = self.bench(camera, images, options)?;
+        Ok(ImageSource { bench, records: self.records(camera, images) })
+    }
+
+    /// Frames of a camera's images in this log: index of their record in [`CameraLog::frames`].
+    pub fn records(&self, camera: &CameraLog, images: Images) -> BTreeMap<FrameId, usize> {
+        let channels = self.scanned.image_channels(camera.topic(images));
+        let mut frames: Vec<&FrameRef> =
+            self.scanned.channels(&channels).into_iter().flat_map(|c| &c.frames).collect();
+        frames.sort_by_key(|frame| frame.id);
+        // Records and images have the log time of the raw frame, and its order.
+        let mut by_time: BTreeMap<u64, VecDeque<usize>> = BTreeMap::new();
+        let is_of = |f: &FrameRecord| images == Images::Raw || f.corrected;
+        for (index, record) in camera.frames.iter().enumerate().filter(|(_, f)| is_of(f)) {
+            by_time.entry(record.log_time).or_default().push_back(index);
+        }
+        let record = |frame: &FrameRef| {
+            let log_time = u64::try_from(frame.logged.0).ok()?;
+            Some((frame.id, by_time.get_mut(&log_time)?.pop_front()?))
+        };
+        frames.into_iter().filter_map(record).collect()
     }
 }
 
-/// Messages of some channels in the order of the file; blocks that hold none of them are not read.
-pub fn messages_of<'r>(
-    recording: &'r Recording,
-    channels: &'r BTreeSet<u16>,
-    window: Window,
-) -> impl Iterator<Item = Message> + 'r {
-    let may_hold = move |block: &&Block| {
-        block.may_overlap(window)
-            && block.channels().is_none_or(|c| c.iter().any(|id| channels.contains(id)))
-    };
-    let read = move |block: &Block| {
-        recording.read(block, window).map(|contents| contents.entries).unwrap_or_default()
-    };
-    recording.blocks().iter().filter(may_hold).flat_map(read).filter_map(move |entry| match entry {
-        Entry::Message(message) => channels.contains(&message.channel).then_some(message),
-        Entry::Damaged(_) => None,
-    })
+/// Images of a camera, raw or corrected.
+pub struct ImageSource {
+    /// the camera
+    pub bench: Bench,
+    /// its frames: index of their record in [`CameraLog::frames`]
+    pub records: BTreeMap<FrameId, usize>,
 }
 
-/// The settings of a run, also of another version: keys that this one does not know are left out.
+/// Attachments by name, as text.
+fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
+    let mut texts = BTreeMap::new();
+    for attachment in recording.attachments().flatten() {
+        // A log that was corrected twice has two of a name; the later one is of the last run.
+        let data = recording.attachment_data(&attachment)?;
+        texts.insert(attachment.name, String::from_utf8_lossy(&data).into_owned());
+    }
+    Ok(texts)
+}
+
+/// The cameras of the metadata records, without their frames.
+fn cameras(recording: &Recording, texts: &BTreeMap<String, String>) -> Result<Vec<CameraLog>> {
+    let bad = |what: &'static str, reason: String| Error::BadFile {
+        path: recording.path().into(),
+        what,
+        reason,
+    };
+    let mut records: BTreeMap<String, BTreeMap<String, String>> = BTreeMap::new();
+    for record in &recording.metadata {
+        let place =
+            record.name.strip_prefix("unwater").filter(|p| p.is_empty() || p.starts_with('/'));
+        if let Some(place) = place.filter(|_| record.metadata.contains_key("corrected_topic")) {
+            records.insert(place.into(), record.metadata.clone());
+        }
+    }
+    if records.is_empty() {
+        let remedy =
+            "it holds no record of a correction; give the output of `unwater correct`".into();
+        return Err(bad("no corrected log", remedy));
+    }
+    let camera = |(place, facts): (String, BTreeMap<String, String>)| {
+        let named = |name: &str| texts.get(format!("{place}/{name}").trim_start_matches('/'));
+        let missing = "its attachment model.json is missing; correct the dive again";
+        let model = named("model.json").ok_or_else(|| bad("no model", missing.into()))?;
+        let model = ModelFile::from_json(model).map_err(|e| bad("the attachment model.json", e))?;
+        let report = named("report.json").and_then(|text| Report::from_json(text).ok());
+        let rig = named("rig.toml").and_then(|text| toml::from_str(text).ok());
+        let mut rig: RigFile = rig.unwrap_or_default();
+        // Files that the rig file names may be on another machine.
+        if rig.camera.flat_field.as_ref().is_some_and(|f| !f.is_file()) {
+            rig.camera.flat_field = None;
+        }
+        let report = report.unwrap_or_default();
+        Ok(CameraLog { place, facts, model, report, frames: Vec::new(), rig })
+    };
+    records.into_iter().map(camera).collect()
+}
+
+/// Settings of a run, also of another version: unknown keys are left out.
 fn settings_of(text: &str) -> Config {
     let known = |section: &str, key: &str| {
         SETTINGS.iter().any(|s| s.key.split_once('.') == Some((section, key)))
@@ -256,9 +282,9 @@ fn settings_of(text: &str) -> Config {
     })
 }
 
-/// Which of a camera's pictures.
+/// Raw or corrected images of a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Pictures {
+pub enum Images {
     /// as recorded
     Raw,
     /// as corrected
@@ -271,7 +297,15 @@ impl CameraLog {
         self.facts.get(key).map_or("", String::as_str)
     }
 
-    /// Frames that were corrected: their place in the log's order, and what is known of them.
+    /// Topic of its images.
+    pub fn topic(&self, images: Images) -> &str {
+        self.fact(match images {
+            Images::Raw => "camera_topic",
+            Images::Corrected => "corrected_topic",
+        })
+    }
+
+    /// Frames that were corrected, with their index in [`CameraLog::frames`].
     pub fn corrected(&self) -> impl Iterator<Item = (usize, &FrameRecord)> {
         self.frames.iter().enumerate().filter(|(_, f)| f.corrected)
     }
@@ -279,17 +313,16 @@ impl CameraLog {
 
 fn frame_record(
     value: &Value<'_>,
-    log_time: u64,
-    logged: Stamp,
-    floor: Option<FloorFacts>,
+    message: &Message,
+    seafloor: Option<SeafloorFacts>,
 ) -> FrameRecord {
     FrameRecord {
-        log_time,
-        stamp: header(value).stamp.unwrap_or(logged),
+        log_time: message.log_time,
+        stamp: header(value).stamp.unwrap_or(message.log_stamp()),
         corrected: value.flag("corrected").unwrap_or(false),
         reason: value.text("reason").unwrap_or("").into(),
         altitude_m: value.number("camera_altitude_m").unwrap_or(f64::NAN),
-        floor,
+        seafloor,
     }
 }
 

@@ -7,6 +7,7 @@
 pub mod data_set;
 mod display;
 pub mod dive;
+mod messages;
 pub mod mosaic;
 pub mod page;
 mod places;
@@ -36,8 +37,8 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 
 /// Keypoint matches between two frames, as pairs of indices.
 fn match_frames(bench: &Bench, a: &FrameSamples, b: &FrameSamples, seed: u64) -> Vec<(u32, u32)> {
-    let matching = &bench.config.matching;
-    let camera = &bench.log.survey.rig.camera;
+    let matching = &bench.session.config.matching;
+    let camera = &bench.session.survey.rig.camera;
     let side = camera.width.max(camera.height);
     let reduction = side.div_ceil(matching.detection_side_px).max(1) as f64;
     let inlier = matching.inlier_px * reduction / camera.fx;

@@ -11,20 +11,17 @@ mod geotiff;
 mod grid;
 mod poster;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::dive::{CameraLog, CorrectedLog, Pictures};
+use super::dive::{CameraLog, CorrectedLog, ImageSource, Images};
 use super::places::{Places, placed};
 use crate::diagnostics::{Diagnostic, MosaicFact};
 use crate::error::{Error, Result};
 use crate::geometry::SeafloorPlane;
-use crate::image::LinearImage;
-use crate::recording::Window;
-use crate::run::bench::{Bench, BenchFrame};
-use crate::session::Options;
+use crate::session::{FrameRef, Options};
 use crate::units::Stamp;
 use poster::Poster;
 
@@ -66,18 +63,18 @@ pub struct MosaicOptions {
 /// Several cameras and none named; no trajectory; no position where one is needed.
 pub fn mosaic(log: &CorrectedLog, wanted: &MosaicOptions, options: &Options) -> Result<Mosaic> {
     let camera = select_camera(log, wanted)?;
-    let mut corrected = log.bench(camera, Pictures::Corrected, options)?;
+    let mut corrected = log.source(camera, Images::Corrected, options)?;
     if log.config.render.rectify {
-        corrected.log.survey.rig.camera = corrected.log.survey.rig.camera.rectified();
+        let rig = &mut corrected.bench.session.survey.rig;
+        rig.camera = rig.camera.rectified();
     }
-    let raw = log.bench(camera, Pictures::Raw, options).ok();
-    let window = options.window.unwrap_or(Window::ALL);
+    let raw = log.source(camera, Images::Raw, options).ok();
     let mut diagnostics = Vec::new();
     let frames = select_frames(&corrected, camera, options.window.is_some(), &mut diagnostics);
     if frames.is_empty() {
         return Err(Error::Image("there is no corrected frame in this window of the log".into()));
     }
-    let places = Places::read(&log.recording, window);
+    let places = Places::read(&log.scanned.recording, options.window())?;
     let (mut placed_frames, has_attitude) =
         place_frames(raw.as_ref().unwrap_or(&corrected), &frames, &places, &mut diagnostics)?;
 
@@ -92,12 +89,9 @@ pub fn mosaic(log: &CorrectedLog, wanted: &MosaicOptions, options: &Options) -> 
     let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad);
     placed_frames.iter_mut().for_each(|f| f.world_from_body = yaw * f.world_from_body);
 
-    let grid = Grid::around(&placed_frames, &corrected.log.survey.rig);
-    let strip = |bench: &Bench, light: fn(&BenchFrame) -> LinearImage| {
-        Strip::project(bench, &grid, &placed_frames, light)
-    };
-    let own = |frame: &BenchFrame| frame.image.clone().into_demosaiced();
-    let raw = raw.as_ref().map(|bench| strip(bench, own)).transpose()?.filter(|s| s.covered() > 0);
+    let grid = Grid::around(&placed_frames, &corrected.bench.session.survey.rig);
+    let strip = |source: &ImageSource| Strip::project(source, &grid, &placed_frames);
+    let raw = raw.as_ref().map(strip).transpose()?.filter(|s| s.covered() > 0);
     if raw.is_none() {
         diagnostics.push(MosaicFact::NoRawImages.into());
     }
@@ -106,7 +100,7 @@ pub fn mosaic(log: &CorrectedLog, wanted: &MosaicOptions, options: &Options) -> 
         diagnostics,
         grid,
         raw,
-        corrected: strip(&corrected, own)?,
+        corrected: strip(&corrected)?,
         frames: placed_frames,
         georeference,
     })
@@ -156,24 +150,29 @@ fn select_camera<'l>(log: &'l CorrectedLog, wanted: &MosaicOptions) -> Result<&'
     }
 }
 
-/// Log times, stamps and planes of the frames in the mosaic.
+/// A frame without its pose.
+struct SelectedFrame {
+    record: usize,
+    log_time: u64,
+    stamp: Stamp,
+    plane: SeafloorPlane,
+}
+
+/// The frames in the mosaic.
 fn select_frames(
-    bench: &Bench,
+    source: &ImageSource,
     camera: &CameraLog,
     is_window_given: bool,
     diagnostics: &mut Vec<Diagnostic>,
-) -> Vec<(u64, Stamp, SeafloorPlane)> {
-    let survey = &bench.log.survey;
-    let corrected: BTreeSet<u64> = camera.corrected().map(|(_, f)| f.log_time).collect();
-    let of = |f: &crate::session::index::FrameRef| {
-        let log_time = u64::try_from(f.logged.0).ok().filter(|t| corrected.contains(t))?;
-        Some((
-            log_time,
-            f.stamp,
-            survey.pings.seafloor(f.stamp, &survey.rig, &bench.config.seafloor).ok()?,
-        ))
+) -> Vec<SelectedFrame> {
+    let session = &source.bench.session;
+    let selected = |f: &FrameRef| {
+        let record = *source.records.get(&f.id)?;
+        let log_time = camera.frames.get(record)?.log_time;
+        let plane = session.seafloor(f.stamp).ok()?;
+        Some(SelectedFrame { record, log_time, stamp: f.stamp, plane })
     };
-    let mut frames: Vec<_> = survey.frames.iter().filter_map(of).collect();
+    let mut frames: Vec<_> = session.survey.frames.iter().filter_map(selected).collect();
     let total = frames.len();
     if !is_window_given && total > DEFAULT_FRAMES {
         let first = (total - DEFAULT_FRAMES) / 2;
@@ -190,21 +189,21 @@ fn select_frames(
 /// Frames with their poses, of the trajectory segment with the most frames; and whether the world's
 /// axes are those of an attitude.
 fn place_frames(
-    bench: &Bench,
-    frames: &[(u64, Stamp, SeafloorPlane)],
+    source: &ImageSource,
+    frames: &[SelectedFrame],
     places: &Places,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<(Vec<PlacedFrame>, bool)> {
     let with_planes: Vec<(Stamp, SeafloorPlane)> =
-        frames.iter().map(|(_, stamp, plane)| (*stamp, *plane)).collect();
-    let (poses, has_attitude) = match placed(&bench.log, places, &with_planes) {
+        frames.iter().map(|f| (f.stamp, f.plane)).collect();
+    let (poses, has_attitude) = match placed(&source.bench.session, places, &with_planes) {
         Some(placed) => {
             diagnostics.push(MosaicFact::PosesFrom { source: placed.source }.into());
             (placed.poses, true)
         }
         None => {
-            let times: Vec<u64> = frames.iter().map(|f| f.0).collect();
-            let poses = by_matches::poses(bench, &times)?;
+            let records: Vec<usize> = frames.iter().map(|f| f.record).collect();
+            let poses = by_matches::poses(source, &records)?;
             diagnostics.push(MosaicFact::PosesFromMatches.into());
             (poses, false)
         }
@@ -216,13 +215,14 @@ fn place_frames(
         .max_by_key(|(segment, frames)| (**frames, std::cmp::Reverse(**segment)))
         .map(|(s, _)| *s);
     let mut placed_frames = Vec::new();
-    for ((log_time, stamp, plane), pose) in frames.iter().zip(&poses) {
+    for (frame, pose) in frames.iter().zip(&poses) {
         if let Some((_, world_from_body)) = pose.filter(|(segment, _)| Some(*segment) == longest) {
             placed_frames.push(PlacedFrame {
-                log_time: *log_time,
-                stamp: *stamp,
+                record: frame.record,
+                log_time: frame.log_time,
+                stamp: frame.stamp,
                 world_from_body,
-                plane: *plane,
+                plane: frame.plane,
             });
         }
     }

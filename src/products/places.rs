@@ -8,13 +8,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::dive::messages_of;
+use super::messages::messages_of;
 use crate::coordinates::Point;
+use crate::error::Result;
 use crate::geometry::SeafloorPlane;
 use crate::messages::value::Value;
 use crate::messages::{Decoder, header};
 use crate::recording::{Channel, Recording, Window};
-use crate::session::Prepared;
+use crate::session::CameraSession;
 use crate::units::Stamp;
 
 /// Positions farther apart in time are not joined [s].
@@ -51,8 +52,11 @@ pub struct Places {
 }
 
 impl Places {
-    /// Walks the log once.
-    pub fn read(recording: &Recording, window: Window) -> Self {
+    /// Reads positions and poses.
+    ///
+    /// # Errors
+    /// The log cannot be read.
+    pub fn read(recording: &Recording, window: Window) -> Result<Self> {
         let decoder = |channel: &Channel| {
             let schema = recording.schemas.get(&channel.schema_id)?;
             if !may_hold_places(&schema.data) || channel.topic.starts_with("/unwater") {
@@ -71,6 +75,7 @@ impl Places {
         let wanted: BTreeSet<u16> = decoders.keys().copied().collect();
         let mut places = Self::default();
         for message in messages_of(recording, &wanted, window) {
+            let message = message?;
             let (Some(channel), Some(decoder)) =
                 (recording.channels.get(&message.channel), decoders.get(&message.channel))
             else {
@@ -92,7 +97,7 @@ impl Places {
                 .windows(2)
                 .any(|p| p[0].world_from_body.translation != p[1].world_from_body.translation)
         });
-        places
+        Ok(places)
     }
 
     /// The topic with most poses.
@@ -159,7 +164,7 @@ pub struct Placed {
 /// Poses of frames with their planes, by odometry or else by the DVL's way; `None` where the log
 /// has neither.
 pub fn placed(
-    log: &Prepared,
+    log: &CameraSession,
     places: &Places,
     frames: &[(Stamp, SeafloorPlane)],
 ) -> Option<Placed> {

@@ -15,12 +15,12 @@ use crate::correct::{MeanFrames, apply_baseline};
 use crate::error::{Error, Result};
 use crate::estimate::FrameSamples;
 use crate::image::LinearImage;
-use crate::model::{ModelFile, RenderingFile, ScatterTable};
+use crate::model::{ModelFile, RenderingFile};
 use crate::plot::Canvas;
+use crate::recording::{FrameId, Message};
+use crate::run;
 use crate::run::bench::{Bench, BenchFrame};
-use crate::run::{self};
-use crate::session::index::FrameRef;
-use crate::session::{self, Options, Progress};
+use crate::session::{CameraSession, FrameRef, Options, Progress};
 use scatter::{Agreement, Pairs};
 
 /// Selects a frame.
@@ -129,7 +129,13 @@ const TILES: [Tile; 12] = [
 
 /// A frame with its samples and its raw image, downscaled.
 struct ComparedFrame {
-    frame: BenchFrame,
+    at: FrameRef,
+    /// for its correction
+    message: Message,
+    /// altitude of the camera [m]
+    altitude_m: f64,
+    /// width of the image [px]
+    width: usize,
     samples: FrameSamples,
     raw: LinearImage,
 }
@@ -138,8 +144,7 @@ struct ComparedFrame {
 struct Methods<'m> {
     bench: &'m Bench,
     means: MeanFrames,
-    rendering: RenderingFile,
-    glow: Option<ScatterTable>,
+    exposure: RenderingFile,
 }
 
 /// The sheet of one frame, as PNG. Without a model one is estimated first.
@@ -155,26 +160,18 @@ pub fn sheet(
 ) -> Result<Vec<u8>> {
     let mut options = options.clone();
     options.config.render.method = Method::Full;
+    let session = CameraSession::open(input, &options)?;
     let file = match model {
         Some(file) => file,
-        None => run::estimate_logs(&[input], &options, progress)?.0,
+        None => run::estimate(&[&session], &options, progress)?,
     };
-    let bench = Bench::new(
-        session::prepare(input, &options)?,
-        file,
-        options.config.clone(),
-        options.threads,
-    )?;
-    let index = selector.index(&bench.log.survey.frames)?;
-    let reach = bench.config.matching.neighbours;
-    let near: BTreeSet<usize> = (index.saturating_sub(reach)..=index + reach).collect();
+    let bench = Bench::new(session, file, None, options.threads)?;
+    let index = selector.index(&bench.session.survey.frames)?;
+    let reach = bench.session.config.matching.neighbours;
+    let near = frame_ids(&bench, index.saturating_sub(reach)..=index + reach);
     let mut compared: Vec<ComparedFrame> = Vec::new();
-    bench.each(
-        &near,
-        |frame| ComparedFrame { samples: bench.samples(&frame, true), raw: raw(&frame), frame },
-        |f| compared.push(f),
-    )?;
-    let Some(own) = compared.iter().position(|f| f.frame.index == index) else {
+    bench.each(&near, |frame| ComparedFrame::new(&bench, frame), |f| compared.push(f))?;
+    let Some(own) = compared.iter().position(|f| f.samples.frame == index) else {
         let why = "cannot be decoded or has no seafloor plane; see `unwater inspect`, or select \
                    another frame";
         return Err(Error::Image(format!("frame {index} of {} {why}", input.display())));
@@ -182,35 +179,53 @@ pub fn sheet(
     let here = compared.remove(own);
     let pairs = overlapping(&bench, &here, &compared);
     let means = mean_frames(&bench, index)?;
-    let rendering = match bench.file.rendering.method {
-        Method::Full => bench.file.rendering.clone(),
-        _ => bench.rendering(
-            &bench.lit(&here.frame),
-            Method::Full,
-            bench.config.render.white_balance,
-        ),
+    let exposure = match bench.model.file.rendering.method {
+        Method::Full => bench.model.file.rendering.clone(),
+        _ => {
+            let balance = bench.session.config.render.white_balance;
+            let log_colors = bench.with_frame(&here.message, |frame| bench.log_colors(frame));
+            bench.exposure(&log_colors.unwrap_or_default(), Method::Full, balance)
+        }
     };
-    let methods = Methods { bench: &bench, means, rendering, glow: bench.glow(Method::Full) };
-    methods
+    Methods { bench: &bench, means, exposure }
         .draw(&here, &pairs)
         .png()
         .map_err(|reason| Error::WriteRecord { path: input.into(), reason })
 }
 
+/// Identities of frames by their numbers; unknown numbers are left out.
+fn frame_ids(bench: &Bench, numbers: impl IntoIterator<Item = usize>) -> BTreeSet<FrameId> {
+    let frames = &bench.session.survey.frames;
+    numbers.into_iter().filter_map(|number| Some(frames.get(number)?.id)).collect()
+}
+
+impl ComparedFrame {
+    fn new(bench: &Bench, frame: &BenchFrame<'_>) -> Self {
+        Self {
+            at: frame.frame.at,
+            message: frame.message.clone(),
+            altitude_m: frame.frame.view().camera_altitude_m(),
+            width: frame.frame.camera.width,
+            samples: bench.samples(frame, true),
+            raw: raw(frame),
+        }
+    }
+}
+
 /// The raw image at [`SIDE`], demosaiced.
-fn raw(frame: &BenchFrame) -> LinearImage {
+fn raw(frame: &BenchFrame<'_>) -> LinearImage {
     downscale(&frame.image.clone().into_demosaiced(), SIDE)
 }
 
 /// Mean frames for the baselines, frame `index` included.
 fn mean_frames(bench: &Bench, index: usize) -> Result<MeanFrames> {
     let mut means = MeanFrames::default();
-    let count = bench.log.survey.frames.len();
+    let count = bench.session.survey.frames.len();
     let step = count.div_ceil(MAX_MEAN_FRAMES).max(1);
-    let chosen: BTreeSet<usize> = (0..count).step_by(step).chain([index]).collect();
+    let chosen = frame_ids(bench, (0..count).step_by(step).chain([index]));
     bench.each(
         &chosen,
-        |frame| (raw(&frame), bench.view(&frame).camera_altitude_m()),
+        |frame| (raw(frame), frame.frame.view().camera_altitude_m()),
         |(image, altitude_m)| {
             means.add(Method::FrameAverage, &image, altitude_m);
             means.add(Method::RangeAverage, &image, altitude_m);
@@ -226,7 +241,7 @@ fn overlapping<'l>(
     others: &'l [ComparedFrame],
 ) -> Vec<(&'l ComparedFrame, Pairs)> {
     let pairs_with = |other: &'l ComparedFrame| {
-        let seed = (here.frame.index as u64) << 32 | other.frame.index as u64;
+        let seed = (here.samples.frame as u64) << 32 | other.samples.frame as u64;
         let found = match_frames(bench, &here.samples, &other.samples, seed);
         let pixel =
             |l: &ComparedFrame, k: u32| l.samples.keypoints.get(k as usize).map(|k| (k.u, k.v));
@@ -236,7 +251,7 @@ fn overlapping<'l>(
     };
     let mut found: Vec<(&ComparedFrame, Pairs)> =
         others.iter().map(pairs_with).filter(|(_, p)| !p.is_empty()).collect();
-    found.sort_by_key(|(other, pairs)| (std::cmp::Reverse(pairs.len()), other.frame.index));
+    found.sort_by_key(|(other, pairs)| (std::cmp::Reverse(pairs.len()), other.samples.frame));
     found.truncate(MAX_OTHERS);
     found
 }
@@ -244,19 +259,15 @@ fn overlapping<'l>(
 impl Methods<'_> {
     /// A frame after a tile's methods.
     fn apply(&self, compared: &ComparedFrame, tile: &Tile) -> LinearImage {
-        if tile.methods == [Method::Full] {
-            return downscale(
-                &self.bench.corrected(
-                    &compared.frame,
-                    Method::Full,
-                    &self.rendering,
-                    self.glow.as_ref(),
-                ),
-                SIDE,
-            );
-        }
-        let altitude_m = self.bench.view(&compared.frame).camera_altitude_m();
         let mut image = compared.raw.clone();
+        if tile.methods == [Method::Full] {
+            let corrected = |frame: &BenchFrame<'_>| {
+                downscale(&self.bench.corrected(frame, Method::Full, &self.exposure), SIDE)
+            };
+            // The frame has been decoded before, so it can be decoded again.
+            return self.bench.with_frame(&compared.message, corrected).unwrap_or(image);
+        }
+        let altitude_m = compared.altitude_m;
         tile.methods
             .iter()
             .for_each(|method| apply_baseline(*method, &mut image, &self.means, altitude_m));
@@ -279,8 +290,8 @@ impl Methods<'_> {
         let usable = scatter::usable(
             &here.raw,
             others.iter().map(|(l, _)| &l.raw),
-            self.bench.config.estimate.dark_below as f32,
-            self.bench.config.estimate.clipped_above as f32,
+            self.bench.session.config.estimate.dark_below as f32,
+            self.bench.session.config.estimate.clipped_above as f32,
         );
         for (i, tile) in TILES.iter().enumerate() {
             let corner =
@@ -309,7 +320,7 @@ impl Methods<'_> {
             );
             let agreement = Agreement::of(
                 &image,
-                here.raw.width as f64 / here.frame.camera.width as f64,
+                here.raw.width as f64 / here.width as f64,
                 &usable,
                 others,
                 |other| self.apply(other, tile),
@@ -324,22 +335,22 @@ impl Methods<'_> {
     }
 
     fn header(&self, here: &ComparedFrame, others: &[(&ComparedFrame, Pairs)]) -> (String, String) {
-        let path = self.bench.log.recording.path();
+        let path = self.bench.session.recording.path();
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let nanos = u64::try_from(here.frame.stamp.0).unwrap_or_default();
+        let nanos = u64::try_from(here.at.stamp.0).unwrap_or_default();
         let time = humantime::format_rfc3339_millis(
             std::time::UNIX_EPOCH + std::time::Duration::from_nanos(nanos),
         );
-        let title = format!("{name}, frame {}", here.frame.index);
+        let title = format!("{name}, frame {}", here.samples.frame);
         let points: usize = others.iter().map(|(_, p)| p.len()).sum();
         let overlap = match others.len() {
             0 => "no keypoint matches with other frames".into(),
             n => format!("{points} points in {n} other frames"),
         };
         let alpha: Vec<String> =
-            self.bench.file.attenuation_per_m.iter().map(|a| format!("{a:.3}")).collect();
-        let caveat = if self.bench.file.identified { "" } else { ", not identified" };
-        let altitude_m = self.bench.view(&here.frame).camera_altitude_m();
+            self.bench.model.file.attenuation_per_m.iter().map(|a| format!("{a:.3}")).collect();
+        let caveat = if self.bench.model.file.identified { "" } else { ", not identified" };
+        let altitude_m = here.altitude_m;
         (
             title,
             format!(

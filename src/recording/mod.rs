@@ -14,7 +14,7 @@ mod source;
 mod write;
 
 pub use read::{
-    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, Message, RawChunk,
+    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, Message, RawChunk,
     Recording, Schema, Window,
 };
 pub use write::{

@@ -12,7 +12,7 @@
 
 use nalgebra::Vector3;
 
-use super::pass_one::{Collected, collect};
+use super::pass_one::{Collected, PassOne};
 use crate::config::SeafloorConfig;
 use crate::diagnostics::{ClockFact, Diagnostic, OffsetUnknown};
 use crate::error::Result;
@@ -20,7 +20,7 @@ use crate::estimate::MatchedPair;
 use crate::geometry::{SeafloorEstimator, SeafloorPlane, SeafloorPoint, View};
 use crate::parallel::{Threads, ordered_map};
 use crate::session::survey::Survey;
-use crate::session::{Options, Prepared, Silent};
+use crate::session::{CameraSession, Options, Silent};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
 
@@ -93,18 +93,14 @@ impl ClockOffsets {
 ///
 /// # Errors
 /// None of its own.
-pub fn clock_offsets(log: &Prepared, options: &Options) -> Result<ClockOffsets> {
+pub fn clock_offsets(log: &CameraSession, options: &Options) -> Result<ClockOffsets> {
     let threads = Threads::new(options.threads);
     let seafloor = &options.config.seafloor;
-    let collected = collect(
-        &log.recording,
-        &log.scan,
-        &log.survey,
-        &options.config,
-        options.config.estimate.max_frames,
-        &threads,
-        &Silent,
-    )?;
+    let config = &options.config;
+    let max_frames = config.estimate.max_frames;
+    let progress = &Silent;
+    let collected =
+        PassOne { session: log, config, max_frames, threads: &threads, progress }.collect()?;
     let (pings, rig) = (&log.survey.pings, &log.survey.rig);
     // Pairs share frames: about as many tell something of their own as there are frames.
     let per_frame = collected.pairs.len() as f64 / collected.frames.len().max(1) as f64;

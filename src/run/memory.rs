@@ -4,7 +4,7 @@
 
 use crate::config::{Config, ImageFormat, Method};
 
-use super::pass_two::{CHUNKS_PER_CORE, FRAMES_PER_CORE};
+use super::pass_two::{CHUNKS_PER_THREAD, FRAMES_PER_THREAD};
 
 /// The program, its tables, the model, and an hour of pings and attitudes (48 bytes each attitude,
 /// some 120 each ping) [byte].
@@ -59,7 +59,7 @@ impl Load {
     /// The most memory that such a run takes.
     pub fn bound(&self, config: &Config) -> Bound {
         let Self { threads, pixels, source_bytes, pass_one_frames } = *self;
-        let under_way = if threads > 1 { FRAMES_PER_CORE * threads } else { 1 };
+        let under_way = if threads > 1 { FRAMES_PER_THREAD * threads } else { 1 };
         // A corrected picture as JPEG is smaller than a byte per pixel; raw or PNG it may be as
         // large as its codes.
         let packed = matches!(config.render.image_format, ImageFormat::Auto | ImageFormat::Jpeg)
@@ -70,7 +70,7 @@ impl Load {
         let chunk = 2 * source_bytes.max(4 << 20);
         let own = (config.output.chunk_size_mib << 20) as usize + output_bytes;
         let stage = |chunk: usize| {
-            if threads > 1 { (threads * CHUNKS_PER_CORE).max(2 * chunk) } else { chunk }
+            if threads > 1 { (threads * CHUNKS_PER_THREAD).max(2 * chunk) } else { chunk }
         };
         let in_light = threads * pixels * LIGHT_PER_PIXEL;
         let physical = matches!(
@@ -114,12 +114,12 @@ pub fn table(config: &Config, threads: usize) -> String {
         );
     }
     text + &format!(
-        "# pass two: {} + threads * (pixels * {CORRECT_PER_PIXEL} bytes + {FRAMES_PER_CORE} * \
+        "# pass two: {} + threads * (pixels * {CORRECT_PER_PIXEL} bytes + {FRAMES_PER_THREAD} * \
          (picture in + picture out)) + chunks ({} per thread, two at least);\n# pass one: {} + \
          threads * pixels * {LIGHT_PER_PIXEL} bytes + the same of pictures in and chunks + {:.1} \
          for each of estimate.max_frames.\n",
         mb(BASE),
-        mb(CHUNKS_PER_CORE),
+        mb(CHUNKS_PER_THREAD),
         mb(BASE),
         SAMPLES_PER_FRAME as f64 / 1e6
     )

@@ -1,79 +1,34 @@
-//! What pass one collected → one model, and a model's strobe and exposure as the rest of the
-//! run wants them.
+//! What pass one collected → one model; a model's strobe and exposure.
 
 use super::mount_check::{mount_check, mount_diagnostics};
 use super::pass_one::Collected;
+use super::pooled::{Pooled, frame_gains};
 use crate::config::{Config, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::estimate_rendering;
 use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
-    BackscatterFit, Estimate, FollowedSetting, FrameSamples, MatchedPair, Mounts, StrobePlacement,
-    estimate_model, tracks,
+    BackscatterFit, Estimate, FollowedSetting, FrameSamples, ModelEstimate, Mounts,
+    StrobePlacement, estimate_model, tracks,
 };
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{
-    AttenuationKind, BackscatterFile, BeamPatternFile, FORMAT, FrameGainFile, ImagingModel,
-    InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
+    AttenuationKind, BackscatterFile, BeamPatternFile, FORMAT, ImagingModel, InputFile, LampFile,
+    LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
 };
-use crate::session::{Options, Prepared};
+use crate::session::survey::Survey;
+use crate::session::{CameraSession, Options};
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount, StrobeSource};
 
 /// Samples of all logs → one model.
-pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<ModelFile> {
+pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Result<ModelFile> {
     let Some((first, _)) = logs.first() else {
         return Err(Error::Usage("no log was given".into()));
     };
-    let first = *first;
-    let (mut frames, mut pairs, mut inputs) = (Vec::new(), Vec::new(), Vec::new());
-    let mut settings: Vec<Vec<f64>> = vec![Vec::new(); first.survey.settings.len()];
-    for (log, mut collected) in logs {
-        let offset = frames.len();
-        inputs.push(InputFile {
-            name: log
-                .recording
-                .path()
-                .file_name()
-                .map(|n| n.to_string_lossy().into_owned())
-                .unwrap_or_default(),
-            sha256: log.recording.sha256()?.into(),
-            camera_topic: log.survey.camera_topic.clone(),
-            dvl_topic: log.survey.dvl_topic.clone(),
-            frames: collected.frames.len(),
-        });
-        for (values, series) in settings.iter_mut().zip(&first.survey.settings) {
-            let same = log
-                .survey
-                .settings
-                .iter()
-                .find(|s| (&s.topic, &s.name) == (&series.topic, &series.name));
-            values.extend(
-                collected
-                    .frames
-                    .iter()
-                    .map(|f| same.and_then(|s| s.at(f.stamp)).unwrap_or(f64::NAN)),
-            );
-        }
-        frames.append(&mut collected.frames);
-        pairs.extend(collected.pairs.into_iter().map(|p| MatchedPair {
-            a: p.a + offset,
-            b: p.b + offset,
-            ..p
-        }));
-    }
-    if frames.is_empty() {
-        let reason = match first.survey.frames.len() {
-            0 => "the camera has no pictures".to_string(),
-            n => format!("none of {n} pictures has a seafloor below it and can be decoded"),
-        };
-        return Err(Error::NotEstimated {
-            reason,
-            remedy: "`unwater inspect` says what is missing".into(),
-        });
-    }
-    let config = &options.config;
+    let (first, config) = (*first, &options.config);
+    let Pooled { mut frames, pairs, inputs, settings, origins } = Pooled::new(logs)?;
     let tracks = tracks(&frames, &pairs);
     frames.iter_mut().for_each(FrameSamples::drop_keypoints);
     drop(pairs);
@@ -85,49 +40,44 @@ pub fn model_of(logs: Vec<(&Prepared, Collected)>, options: &Options) -> Result<
         instrument: rig.body_from_dvl.origin().vector(),
     };
     let found = estimate_model(frames, tracks, &mounts, &settings, &config.estimate)?;
-    let mount = found.strobe.lamps;
-    let rendering =
-        shown(&found.frames, &found.estimate.model, mount, first.survey.white_level, config);
-    let uneven = found.frames.iter().zip(&found.log_gains).filter(|(_, g)| **g != 0.0);
-    let frame_gains: Vec<FrameGainFile> =
-        uneven.map(|(f, g)| FrameGainFile { stamp_ns: f.stamp.0, gain: g.exp() }).collect();
-    let mut diagnostics: Vec<Diagnostic> = Vec::new();
-    diagnostics.extend(found.strobe.warning.clone().map(Diagnostic::from));
-    if !frame_gains.is_empty() {
-        diagnostics.push(EstimateFact::DropOuts { frames: frame_gains.len() }.into());
-    }
-    let camera_topic = &first.survey.camera_topic;
-    let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
-    if config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
-        diagnostics.push(EstimateFact::BackscatterUnknown.into());
-    }
-    let mount_check = found.mounts.map(|found| {
-        diagnostics.extend(mount_diagnostics(&found, rig, camera_topic, offset_s));
-        mount_check(&found)
-    });
-    let light_setting = |f: &FollowedSetting| {
-        let SettingSeries { topic, name, .. } = &first.survey.settings[f.index];
-        LightSettingFile {
-            topic: topic.clone(),
-            name: name.clone(),
-            law: f.law,
-            reference: f.reference,
-        }
-    };
-    let light_settings = found.followed.iter().map(light_setting).collect();
-    let strobe = Some(strobe_file(&found.strobe, rig));
-    let backscatter =
-        found.backscatter.as_ref().map(|b| backscatter_file(b, found.estimate.model.bands));
+    let white_level = first.survey.white_level;
+    let (frames, lamps) = (&found.frames, found.strobe.lamps);
+    let rendering = exposure(frames, &found.estimate.model, lamps, white_level, config);
+    let diagnostics = diagnostics(&found, first, options);
     let not_identified = found.estimate.not_identified.clone();
+    let setting = |f: &FollowedSetting| {
+        let SettingSeries { topic, name, .. } = first.survey.settings[f.index].clone();
+        LightSettingFile { topic, name, law: f.law, reference: f.reference }
+    };
+    let bands = found.estimate.model.bands;
     let file = ModelFile {
-        strobe,
-        mount_check,
-        backscatter,
-        frame_gains,
-        light_settings,
+        strobe: Some(strobe_file(&found.strobe, rig)),
+        mount_check: found.mounts.as_ref().map(mount_check),
+        backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
+        frame_gains: frame_gains(&origins, frames, &found.log_gains),
+        light_settings: found.followed.iter().map(setting).collect(),
         ..file_of(found.estimate, rendering, inputs, config)
     };
     Ok(file.with_diagnostics(diagnostics, not_identified))
+}
+
+/// What pass one assumed, and what the log contradicts.
+fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) -> Vec<Diagnostic> {
+    let mut diagnostics: Vec<Diagnostic> = Vec::new();
+    diagnostics.extend(found.strobe.warning.clone().map(Diagnostic::from));
+    let frames = found.log_gains.iter().filter(|g| **g != 0.0).count();
+    if frames > 0 {
+        diagnostics.push(EstimateFact::DropOuts { frames }.into());
+    }
+    if options.config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
+        diagnostics.push(EstimateFact::BackscatterUnknown.into());
+    }
+    if let Some(mounts) = &found.mounts {
+        let Survey { rig, camera_topic, .. } = &first.survey;
+        let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
+        diagnostics.extend(mount_diagnostics(mounts, rig, camera_topic, offset_s));
+    }
+    diagnostics
 }
 
 fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
@@ -143,7 +93,7 @@ fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
 }
 
 /// Exposure and white balance, from the samples' corrected light.
-pub fn shown(
+pub fn exposure(
     frames: &[FrameSamples],
     model: &ImagingModel,
     mount: Lamps,

@@ -11,7 +11,7 @@ use unwater::config::Compression;
 use unwater::model::ModelFile;
 use unwater::recording::{Entry, Recording, Window};
 use unwater::run::{correct, estimate_logs};
-use unwater::session::{Options, Silent, Threads, index::scan, prepare};
+use unwater::session::{CameraSession, Options, Silent, Threads, index::scan};
 use unwater::vehicle::DvlFacts;
 
 /// A small dive and its model, made once.
@@ -204,7 +204,7 @@ fn what_is_written_anew_loses_nothing_either() {
     written(&path, lz4().chunk_size(Some(4096)), 1);
     let mut dropping = Options::default();
     dropping.config.output.drop_raw = true;
-    let camera = prepare(&path, &dropping).unwrap().survey.camera_channels[0];
+    let camera = CameraSession::open(&path, &dropping).unwrap().survey.camera_channels[0];
     let input = std::fs::read(&path).unwrap();
     let output = corrected(&path, &dropping);
     let (mut kept, all) = (streamed(&input), streamed(&output));
@@ -282,7 +282,7 @@ fn a_cut_reads_only_the_chunks_it_needs() {
     let start = recording.messages(Window::ALL).next().map(log_time).unwrap() + 10 * 60_000_000_000;
     let window = Window { start, end: start + 60_000_000_000 };
     let whole = Recording::open(&path).unwrap();
-    let scanned = scan(&whole, window, &DvlFacts::default(), &Threads::new(2)).unwrap();
+    let (scanned, _) = scan(&whole, window, &DvlFacts::default(), &Threads::new(2)).unwrap();
     // A twentieth is in the window; the first of every channel lies in the first chunks.
     let share = whole.bytes_read() as f64 / whole.length() as f64;
     assert!(share < 0.15, "{share}");

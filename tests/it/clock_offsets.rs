@@ -5,7 +5,7 @@ use crate::support::judge::assert_within;
 use crate::support::render::{Dive, Sensor};
 use unwater::diagnostics::{ClockFact, Diagnostic, Fact};
 use unwater::run::clock_offsets::{ClockOffset, ClockOffsets, clock_offsets};
-use unwater::session::{Options, prepare};
+use unwater::session::{CameraSession, Options};
 use unwater::vehicle::RigFile;
 
 const DVL: &str = "/dvl/data";
@@ -15,9 +15,9 @@ fn look(path: &Path, moved: &[(&str, f64)]) -> (ClockOffsets, Vec<Diagnostic>) {
     let mut rig = RigFile::default();
     rig.time_offset_s.extend(moved.iter().map(|(topic, by)| (topic.to_string(), *by)));
     let options = Options { rig, ..Options::default() };
-    let prepared = prepare(path, &options).unwrap();
-    let found = clock_offsets(&prepared, &options).unwrap();
-    let diagnostics = found.diagnostics(&prepared.survey, &options.rig);
+    let session = CameraSession::open(path, &options).unwrap();
+    let found = clock_offsets(&session, &options).unwrap();
+    let diagnostics = found.diagnostics(&session.survey, &options.rig);
     (found, diagnostics)
 }
 

@@ -61,12 +61,13 @@ fn many_chunks_and_many_channels() {
     );
     log(&path, mcap::WriteOptions::new(), 65_000, 1);
     let recording = Recording::open(&path).unwrap();
-    let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
+    let (scanned, readings) =
+        scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
     assert_eq!(
         (scanned.channels.len(), scanned.messages, scanned.damage.len()),
         (65_000, 65_000, 0)
     );
-    assert!(scanned.channels.values().all(|c| c.pings.len() == 1));
+    assert!(readings.0.values().all(|c| c.pings.len() == 1));
 }
 
 #[test]
@@ -121,9 +122,9 @@ fn two_schemas_of_one_name_are_told_and_each_is_used() {
     let reused = LogFact::SchemaNameReused { name: "p/msg/Altitude".into(), schemas: 2 };
     let several = Diagnostic::on("/altitude", LogFact::SeveralChannels { channels: 2 });
     assert_eq!(recording.diagnostics(), [reused.into(), several]);
-    let scanned = scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
-    let read: Vec<f64> =
-        scanned.channels.values().map(|c| c.pings[0].0.altitude.unwrap().0).collect();
+    let (_, readings) =
+        scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
+    let read: Vec<f64> = readings.0.values().map(|c| c.pings[0].0.altitude.unwrap().0).collect();
     assert_eq!(read, [2.5, 1.5]);
 }
 

@@ -140,7 +140,7 @@ fn seeds_are_made_of_the_sample_logs() {
     }
     let dive = Path::new(ROOT).join("sample_logs/rendered_clear.mcap");
     let (model, _) = estimate_logs(&[&dive], &Options::default(), &Silent).unwrap();
-    seeds.insert(("model", "rendered_clear".into()), model.to_json().into_bytes());
+    seeds.insert(("model", "rendered_clear".into()), model.to_json().unwrap().into_bytes());
     seeds.insert(("config", "default".into()), Config::default().to_commented_toml().into_bytes());
     for sampling in 0..7u8 {
         let pixels: Vec<u8> = (0..=255).map(|i: u8| i.wrapping_mul(37)).collect();

@@ -19,4 +19,5 @@ mod program;
 mod recordings;
 mod recovers_truth;
 mod rendering;
+mod session;
 mod several_cameras;

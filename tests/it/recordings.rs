@@ -12,8 +12,7 @@ use unwater::messages::Decoder;
 use unwater::messages::writer::{WireFormat, Writer};
 use unwater::recording::{Entry, Message, Recording, Window};
 use unwater::run::{correct, estimate_logs};
-use unwater::session::survey::Selection;
-use unwater::session::{Options, Silent, Threads, index::scan, prepare};
+use unwater::session::{CameraSession, Options, Selection, Silent, Threads, index::scan};
 use unwater::vehicle::{DvlFacts, RigFile};
 
 const SAMPLES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sample_logs/messages");
@@ -81,7 +80,8 @@ fn the_same_dive_in_every_encoding_gives_the_same_model() {
 fn video_is_refused_with_the_remedy() {
     for log in ["foxglove_compressed_video", "ffmpeg_packet"] {
         let path = Path::new(SAMPLES).join(format!("{log}.mcap"));
-        let error = prepare(&path, &Options::default()).err().expect("refused").to_string();
+        let error =
+            CameraSession::open(&path, &Options::default()).err().expect("refused").to_string();
         assert!(
             error.contains("video") && error.contains("video_to_pictures.py"),
             "{log}: {error}"
@@ -94,8 +94,8 @@ fn the_rig_file_wins_over_the_poses_of_beams() {
     let recording = Recording::open(&Path::new(SAMPLES).join("dvl_uuv_simulator.mcap")).unwrap();
     let of_rig = DvlFacts { beams: Some("nortek-25".into()), ..DvlFacts::default() };
     for (facts, janus_deg) in [(DvlFacts::default(), 22.5f64), (of_rig, 25.0)] {
-        let scanned = scan(&recording, Window::ALL, &facts, &Threads::new(1)).unwrap();
-        let (ping, _) = &scanned.channels.values().next().unwrap().pings[0];
+        let (_, readings) = scan(&recording, Window::ALL, &facts, &Threads::new(1)).unwrap();
+        let (ping, _) = &readings.0.values().next().unwrap().pings[0];
         assert!(
             ping.beams
                 .iter()
@@ -110,12 +110,12 @@ fn a_topics_offset_moves_its_pings_and_frames() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dive.mcap");
     Dive { frames: 3, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&path);
-    let plain = prepare(&path, &Options::default()).unwrap().survey;
+    let plain = CameraSession::open(&path, &Options::default()).unwrap().survey;
     let mut rig = RigFile::default();
     rig.time_offset_s.insert(plain.dvl_topic.clone(), 0.25);
     rig.time_offset_s.insert(plain.camera_topic.clone(), -0.5);
     rig.time_offset_s.insert("/nowhere".into(), 1.0);
-    let moved = prepare(&path, &Options { rig, ..Options::default() }).unwrap().survey;
+    let moved = CameraSession::open(&path, &Options { rig, ..Options::default() }).unwrap().survey;
     for (a, b) in plain.pings.all().zip(moved.pings.all()) {
         assert_eq!(b.stamp.0 - a.stamp.0, 250_000_000);
     }
@@ -131,18 +131,21 @@ fn a_calibration_in_air_is_refracted_and_survives_its_own_rig_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dive.mcap");
     Dive { frames: 3, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&path);
-    let plain = prepare(&path, &Options::default()).unwrap().survey.rig.camera;
+    let plain = CameraSession::open(&path, &Options::default()).unwrap().survey.rig.camera;
     let rig: RigFile = toml::from_str("[camera]\nmedium = \"air\"").unwrap();
     let options = Options { rig: rig.clone(), config: Config::default(), ..Options::default() };
-    let survey = prepare(&path, &options).unwrap().survey;
+    let survey = CameraSession::open(&path, &options).unwrap().survey;
     assert!(
         (survey.rig.camera.fx / plain.fx - 1.33).abs() < 1e-9
             && survey.diagnostics.iter().any(|d| d.code() == "calibration-in-air")
     );
     let written = unwater::session::survey::rig_facts(&survey.rig, &rig);
     let again: RigFile = toml::from_str(&toml::to_string(&written).unwrap()).unwrap();
-    let again =
-        prepare(&path, &Options { rig: again, ..Options::default() }).unwrap().survey.rig.camera;
+    let again = CameraSession::open(&path, &Options { rig: again, ..Options::default() })
+        .unwrap()
+        .survey
+        .rig
+        .camera;
     assert!(
         (again.fx - survey.rig.camera.fx).abs() < 1e-9
             && again.distortion == survey.rig.camera.distortion
@@ -156,7 +159,7 @@ const IMAGE: &str = "std_msgs/Header header\nuint32 height\nuint32 width\nstring
 /// its axis.
 fn add_depth(source: &Path, target: &Path, depth_m: f64) {
     let recording = Recording::open(source).unwrap();
-    let camera = prepare(source, &Options::default()).unwrap().survey;
+    let camera = CameraSession::open(source, &Options::default()).unwrap().survey;
     let mut writer = mcap::WriteOptions::new()
         .profile("ros2")
         .create(std::io::BufWriter::new(std::fs::File::create(target).unwrap()))
@@ -217,11 +220,12 @@ fn depth_pictures_are_ranges_like_any_other() {
     let (plain, path) = (folder.path().join("dive.mcap"), folder.path().join("depth.mcap"));
     Dive { frames: 1, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&plain);
     add_depth(&plain, &path, 1.75);
-    let with_dvl = prepare(&path, &Options::default()).unwrap().survey;
+    let with_dvl = CameraSession::open(&path, &Options::default()).unwrap().survey;
     assert!(!with_dvl.dvl_topic.contains("depth"), "a DVL comes first");
     let selection =
         Selection { dvl: Some("/camera/depth/image_rect".into()), ..Selection::default() };
-    let survey = prepare(&path, &Options { selection, ..Options::default() }).unwrap().survey;
+    let survey =
+        CameraSession::open(&path, &Options { selection, ..Options::default() }).unwrap().survey;
     // One frame: the vehicle sways between frames, and this floor would sway with it.
     for frame in &survey.frames {
         let plane =

@@ -13,8 +13,7 @@ use unwater::products::dive::CorrectedLog;
 use unwater::products::page::page;
 use unwater::recording::{Entry, Message, Recording, Window};
 use unwater::run::{correct, correct_all};
-use unwater::session::survey::Selection;
-use unwater::session::{Options, Silent, prepare};
+use unwater::session::{CameraSession, Options, Selection, Silent};
 
 const TWO: &str = "camera_two_optical_frame";
 
@@ -169,7 +168,8 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
     }
     .write(&plain);
     add_turned_camera(&plain, &path, true);
-    let Err(Error::SeveralCameras { topics }) = prepare(&path, &Options::default()) else {
+    let Err(Error::SeveralCameras { topics }) = CameraSession::open(&path, &Options::default())
+    else {
         panic!("two cameras")
     };
     assert_eq!(topics, ["/camera/image_raw", "/two/image_raw"]);
@@ -191,7 +191,7 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
         let selection = Selection { camera: Some(topic.clone()), ..Selection::default() };
         let options = Options { selection, force: true, ..Options::default() };
         let (_, of_alone) = correct(&path, &alone, None, &options, &Silent).unwrap();
-        assert_eq!(of_alone.to_json(), model.to_json());
+        assert_eq!(of_alone.to_json().unwrap(), model.to_json().unwrap());
         let corrected = topic.replace("image_raw", "image_corrected/compressed");
         let alone = by_topic(&alone);
         assert!(same(&all[&corrected], &alone[&corrected]), "{topic}: other pictures than alone");

@@ -4,13 +4,15 @@
 //! by a rotation about the vertical and a translation: least squares over the matches, without
 //! outliers. Neighbours are chained; errors accumulate along the chain.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::error::Result;
 use crate::estimate::FrameSamples;
+use crate::products::dive::ImageSource;
 use crate::products::match_frames;
+use crate::recording::FrameId;
 use crate::run::bench::Bench;
 use crate::stats::median;
 
@@ -22,7 +24,7 @@ const OUTLIER_RATIO: f64 = 3.0;
 /// A frame and its keypoints on the level seafloor.
 struct Frame {
     samples: FrameSamples,
-    log_time: u64,
+    record: usize,
     /// rotation from body space to axes with z up and the camera's right along x
     level_from_body: UnitQuaternion<f64>,
     /// [m]
@@ -109,22 +111,24 @@ impl Rigid {
     }
 }
 
-/// world_from_body of the frames at these log times, by segment; a frame without matches starts a
-/// new segment.
+/// world_from_body of the frames of these records, by segment; a frame without matches starts a new
+/// segment.
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<SegmentPose>> {
-    let wanted: BTreeSet<u64> = times.iter().copied().collect();
-    let frames = &bench.log.survey.frames;
-    let is_wanted = |logged: i64| u64::try_from(logged).is_ok_and(|t| wanted.contains(&t));
-    let chosen: BTreeSet<usize> =
-        frames.iter().enumerate().filter(|(_, f)| is_wanted(f.logged.0)).map(|(i, _)| i).collect();
+pub fn poses(source: &ImageSource, records: &[usize]) -> Result<Vec<SegmentPose>> {
+    let ImageSource { bench, records: known } = source;
+    let wanted: BTreeSet<usize> = records.iter().copied().collect();
+    let chosen: BTreeSet<FrameId> =
+        known.iter().filter(|(_, record)| wanted.contains(record)).map(|(id, _)| *id).collect();
     let mut found: Vec<Frame> = Vec::new();
     bench.each(
         &chosen,
-        |frame| level(bench, bench.samples(&frame, true), frame.log_time),
-        |frame| found.push(frame),
+        |frame| {
+            let record = known.get(&frame.frame.at.id).copied()?;
+            Some(level(bench, bench.samples(frame, true), record))
+        },
+        |frame| found.extend(frame),
     )?;
     let relative_pose = |earlier: usize, later: usize| {
         let (a, b) = (&found[earlier], &found[later]);
@@ -155,17 +159,14 @@ pub fn poses(bench: &Bench, times: &[u64]) -> Result<Vec<SegmentPose>> {
         let translation = Translation3::new(rigid.translation[0], rigid.translation[1], 0.0);
         (*segment, Isometry3::from_parts(translation, yaw * frame.level_from_body))
     };
-    let by_time: Vec<(u64, (u32, Isometry3<f64>))> =
-        found.iter().zip(&chained).map(|both| (both.0.log_time, pose(both))).collect();
-    Ok(times
-        .iter()
-        .map(|time| by_time.iter().find(|(t, _)| t == time).map(|(_, pose)| *pose))
-        .collect())
+    let by_record: BTreeMap<usize, (u32, Isometry3<f64>)> =
+        found.iter().zip(&chained).map(|both| (both.0.record, pose(both))).collect();
+    Ok(records.iter().map(|record| by_record.get(record).copied()).collect())
 }
 
-fn level(bench: &Bench, samples: FrameSamples, log_time: u64) -> Frame {
+fn level(bench: &Bench, samples: FrameSamples, record: usize) -> Frame {
     let down = samples.normal.vector();
-    let right = bench.log.survey.rig.body_from_optical.isometry().rotation * Vector3::x();
+    let right = bench.session.survey.rig.body_from_optical.isometry().rotation * Vector3::x();
     // Rows of the rotation: right projected to the horizontal, the third axis, and up.
     let x = (right - down * right.dot(&down)).normalize();
     let up = -down;
@@ -179,7 +180,7 @@ fn level(bench: &Bench, samples: FrameSamples, log_time: u64) -> Frame {
         .map(|s| level_from_body * s.sample.hit.vector())
         .map(|p| [p.x, p.y])
         .collect();
-    Frame { samples, log_time, level_from_body, points }
+    Frame { samples, record, level_from_body, points }
 }
 
 #[cfg(test)]

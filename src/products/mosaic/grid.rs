@@ -9,7 +9,9 @@ use crate::error::Result;
 use crate::geometry::{SeafloorPlane, View};
 use crate::image::LinearImage;
 use crate::products::display::downscale;
-use crate::run::bench::{Bench, BenchFrame};
+use crate::products::dive::ImageSource;
+use crate::recording::FrameId;
+use crate::session::Frame;
 use crate::stats::median;
 use crate::units::Stamp;
 use crate::vehicle::{Camera, Rig};
@@ -28,6 +30,8 @@ const INTERVALS: usize = 12;
 /// A frame with its pose.
 #[derive(Clone, Copy, Debug)]
 pub struct PlacedFrame {
+    /// index of its record in [`CameraLog::frames`](crate::products::dive::CameraLog::frames)
+    pub record: usize,
     /// log time [ns]
     pub log_time: u64,
     /// time of the image
@@ -128,25 +132,16 @@ impl Strip {
     /// # Errors
     /// The file cannot be read.
     pub fn project(
-        bench: &Bench,
+        ImageSource { bench, records }: &ImageSource,
         grid: &Grid,
         placed: &[PlacedFrame],
-        light: fn(&BenchFrame) -> LinearImage,
     ) -> Result<Self> {
-        let numbers: BTreeMap<u64, usize> =
-            placed.iter().enumerate().map(|(i, l)| (l.log_time, i)).collect();
-        let number_of =
-            |logged: i64| u64::try_from(logged).ok().and_then(|t| numbers.get(&t)).copied();
-        let chosen: BTreeSet<usize> = bench
-            .log
-            .survey
-            .frames
-            .iter()
-            .enumerate()
-            .filter(|(_, f)| number_of(f.logged.0).is_some())
-            .map(|(i, _)| i)
-            .collect();
-        let bands = bench.file.attenuation_per_m.len();
+        let by_record: BTreeMap<usize, usize> =
+            placed.iter().enumerate().map(|(i, l)| (l.record, i)).collect();
+        let number = |(id, record): (&FrameId, &usize)| Some((*id, *by_record.get(record)?));
+        let numbers: BTreeMap<FrameId, usize> = records.iter().filter_map(number).collect();
+        let chosen: BTreeSet<FrameId> = numbers.keys().copied().collect();
+        let bands = bench.model.file.attenuation_per_m.len();
         let mut strip = Self {
             image: LinearImage::new(grid.width, grid.height, bands),
             frame_numbers: vec![0; grid.width * grid.height],
@@ -154,9 +149,10 @@ impl Strip {
         bench.each(
             &chosen,
             |frame| {
-                let number = numbers.get(&frame.log_time).copied()?;
-                let projection = Projection { bench, grid, placed: placed.get(number)? };
-                projection.patch(number as u32 + 1, &frame, &light(&frame))
+                let number = numbers.get(&frame.frame.at.id).copied()?;
+                let projection = Projection { grid, placed: placed.get(number)? };
+                let light = frame.image.clone().into_demosaiced();
+                projection.patch(number as u32 + 1, &frame.frame, &light)
             },
             |patch| patch.into_iter().for_each(|p| strip.put(&p)),
         )?;
@@ -182,15 +178,15 @@ impl Strip {
 
 /// Orthogonal projection of one frame.
 struct Projection<'p> {
-    bench: &'p Bench,
     grid: &'p Grid,
     placed: &'p PlacedFrame,
 }
 
 impl Projection<'_> {
-    fn patch(&self, number: u32, frame: &BenchFrame, light: &LinearImage) -> Option<Patch> {
+    fn patch(&self, number: u32, frame: &Frame<'_>, light: &LinearImage) -> Option<Patch> {
         let (grid, plane) = (self.grid, &self.placed.plane);
-        let altitude_m = self.bench.view(frame).camera_altitude_m();
+        let view = frame.view();
+        let altitude_m = view.camera_altitude_m();
         // Where the grid is coarser than the frame, the frame is downscaled first.
         let block = ((grid.m_per_px * frame.camera.fx / altitude_m) as usize).max(1);
         let longest = light.width.max(light.height);
@@ -203,7 +199,7 @@ impl Projection<'_> {
         }
         let max_tan2 = max_tan2(&frame.camera);
         let origin = pose.translation.vector;
-        let rig = &self.bench.log.survey.rig;
+        let rig = view.rig;
         let optical_from_world = rig.body_from_optical.inverse().isometry() * pose.inverse();
         let sample = |[x, y]: [f64; 2]| -> Option<[f32; 3]> {
             let (dx, dy) = (x - origin.x, y - origin.y);
@@ -230,8 +226,8 @@ impl Projection<'_> {
     }
 
     /// Columns and rows of the grid that a frame covers.
-    fn extent(&self, frame: &BenchFrame) -> (Range<usize>, Range<usize>) {
-        let (grid, view) = (self.grid, self.bench.view(frame));
+    fn extent(&self, frame: &Frame<'_>) -> (Range<usize>, Range<usize>) {
+        let (grid, view) = (self.grid, frame.view());
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for k in 0..=INTERVALS * INTERVALS + 2 * INTERVALS {
             let (i, j) = (k % (INTERVALS + 1), k / (INTERVALS + 1));

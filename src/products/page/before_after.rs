@@ -3,35 +3,45 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::display::{downscale, exposure, jpeg_uri, srgb_of_rendered, to_srgb};
-use super::super::dive::{CameraLog, CorrectedLog, messages_of};
+use super::super::dive::{CameraLog, CorrectedLog, Images};
+use super::super::messages::messages_by_id;
 use super::{Figure, SHOWN_SIDE, Seen};
+use crate::error::Result;
 use crate::image::LinearImage;
 use crate::image::decode::{CameraResponse, decode};
 use crate::messages::Kind;
 use crate::plot::escape_markup;
-use crate::recording::Window;
 
 /// Quality of a shown JPEG.
 const QUALITY: u8 = 84;
 
+/// The frames of the figure.
+pub struct Frames<'f> {
+    pub camera: &'f CameraLog,
+    /// their records
+    pub shown: &'f BTreeSet<usize>,
+    pub seen: &'f [Seen],
+}
+
 pub fn figure(
     log: &CorrectedLog,
-    camera: &CameraLog,
-    shown: &BTreeSet<u64>,
-    seen: &[Seen],
+    frames: &Frames<'_>,
     no_raw: &str,
     place: &str,
-) -> Figure {
-    let raw: BTreeMap<u64, &LinearImage> =
-        seen.iter().filter_map(|s| Some((s.log_time, s.raw.as_ref()?))).collect();
+) -> Result<Figure> {
+    let Frames { camera, shown, seen } = *frames;
+    let raw: BTreeMap<usize, &LinearImage> =
+        seen.iter().filter_map(|s| Some((s.record, s.raw.as_ref()?))).collect();
     let brighter = exposure(raw.values().copied());
-    let corrected = corrected_pictures(log, camera, shown);
+    let corrected = corrected_images(log, camera, shown)?;
     let mut frames = Vec::new();
-    for record in camera.frames.iter().filter(|f| shown.contains(&f.log_time)) {
-        let Some(after) = corrected.get(&record.log_time) else { continue };
+    for index in shown {
+        let (Some(record), Some(after)) = (camera.frames.get(*index), corrected.get(index)) else {
+            continue;
+        };
         let uri = |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.shape(), QUALITY);
         let Ok(after_uri) = uri(&srgb_of_rendered(after), after) else { continue };
-        let before_uri = raw.get(&record.log_time).and_then(|i| uri(&to_srgb(i, brighter), i).ok());
+        let before_uri = raw.get(index).and_then(|i| uri(&to_srgb(i, brighter), i).ok());
         let title = format!(
             "{:.2} m above the floor, {}",
             record.altitude_m,
@@ -58,7 +68,7 @@ pub fn figure(
              by one factor, {brighter:.1}; corrected ones are as they are in the log."
         )
     };
-    Figure::of("before-after", "Before and after", body, &caption)
+    Ok(Figure::of("before-after", "Before and after", body, &caption))
 }
 
 fn frame_html(
@@ -99,36 +109,28 @@ fn slider(frames: &str, count: usize, place: &str, has_before: bool) -> String {
     format!("<div class=\"frames\">{frames}</div><div class=\"knobs\">{wipe}{which}</div>")
 }
 
-/// The corrected pictures of some frames, as the log has them.
-fn corrected_pictures(
+/// Corrected images in the log, by their records.
+fn corrected_images(
     log: &CorrectedLog,
     camera: &CameraLog,
-    shown: &BTreeSet<u64>,
-) -> BTreeMap<u64, LinearImage> {
-    let topic = camera.fact("corrected_topic");
+    shown: &BTreeSet<usize>,
+) -> Result<BTreeMap<usize, LinearImage>> {
+    let mut records = log.records(camera, Images::Corrected);
+    records.retain(|_, record| shown.contains(record));
+    let ids = records.keys().copied().collect();
     let mut found = BTreeMap::new();
-    let (Some(first), Some(last)) = (shown.first(), shown.last()) else { return found };
-    let window = Window { start: *first, end: last.saturating_add(1) };
-    let wanted: BTreeSet<u16> = log
-        .recording
-        .channels
-        .iter()
-        .filter(|(_, c)| c.topic == topic)
-        .map(|(id, _)| *id)
-        .collect();
-    for message in messages_of(&log.recording, &wanted, window) {
-        if !shown.contains(&message.log_time) {
-            continue;
-        }
-        let Some(decoder) = log.scan.decoders.get(&message.channel) else { continue };
+    for message in messages_by_id(&log.scanned.recording, &ids) {
+        let message = message?;
+        let Some(decoder) = log.scanned.index.decoders.get(&message.channel) else { continue };
         let (Ok(value), Kind::Image(read)) =
             (decoder.read(message.data()), decoder.message_type.kind)
         else {
             continue;
         };
-        if let Ok(picture) = read(&value).and_then(|p| decode(&p, CameraResponse::default())) {
-            found.insert(message.log_time, downscale(&picture.image.into_demosaiced(), SHOWN_SIDE));
+        let image = read(&value).and_then(|image| decode(&image, CameraResponse::default()));
+        if let (Ok(decoded), Some(record)) = (image, records.get(&message.id)) {
+            found.insert(*record, downscale(&decoded.image.into_demosaiced(), SHOWN_SIDE));
         }
     }
-    found
+    Ok(found)
 }

@@ -176,7 +176,8 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     let damage: Vec<String> =
         report.damage.iter().map(|d| format!("{} (byte {})", d.reason, d.offset)).collect();
     let of_log: Vec<String> = log
-        .scan
+        .scanned
+        .index
         .damage
         .iter()
         .map(|d| format!("in this log itself: {} (byte {})", d.reason, d.offset))

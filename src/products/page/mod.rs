@@ -11,15 +11,15 @@ mod figures;
 mod stages;
 mod track;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use super::display::downscale;
-use super::dive::{CameraLog, CorrectedLog, Pictures};
+use super::dive::{CameraLog, CorrectedLog, Images};
 use super::places::Places;
 use crate::error::{Error, Result};
-use crate::image::LinearImage;
+use crate::image::{LinearImage, SensorImage};
 use crate::plot::escape_markup;
-use crate::recording::Window;
+use crate::recording::FrameId;
 use crate::run::bench::Bench;
 use crate::session::Options;
 
@@ -73,7 +73,8 @@ impl Figure {
 
 /// A frame's pictures and numbers, as several figures need them.
 pub(super) struct Seen {
-    log_time: u64,
+    /// index of its record
+    record: usize,
     altitude_m: f64,
     /// mean light per band, of the raw picture
     mean_light: [f64; 3],
@@ -87,12 +88,12 @@ pub(super) struct Seen {
 /// The page of a corrected log, as HTML.
 ///
 /// # Errors
-/// None of its own: what is missing is said in the page.
+/// The log cannot be read. What is missing in it is named on the page.
 pub fn page(log: &CorrectedLog, options: &Options) -> Result<String> {
-    let places = Places::read(&log.recording, options.window.unwrap_or(Window::ALL));
+    let places = Places::read(&log.scanned.recording, options.window())?;
     let mut body = String::new();
     for (number, camera) in log.cameras.iter().enumerate() {
-        body += &of_camera(log, camera, number, &places, options);
+        body += &of_camera(log, camera, number, &places, options)?;
     }
     let title = log.cameras.first().map_or("", |c| c.fact("source"));
     Ok(format!(
@@ -116,16 +117,16 @@ fn of_camera(
     number: usize,
     places: &Places,
     options: &Options,
-) -> String {
+) -> Result<String> {
     // The first camera's figures have plain names.
     let place = if number == 0 { String::new() } else { format!("c{number}-") };
-    let bench = log.bench(camera, Pictures::Raw, options).map_err(|e| why_no_bench(camera, &e));
+    let bench = log.bench(camera, Images::Raw, options).map_err(|e| why_no_bench(camera, &e));
     let shown = shown_frames(
         camera,
         if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES },
     );
     let (seen, bench) = match bench {
-        Ok(bench) => match look(&bench, camera, &shown) {
+        Ok(bench) => match look(&bench, log, camera, &shown) {
             Ok(seen) => (seen, Ok(bench)),
             Err(e) => (Vec::new(), Err(e.to_string())),
         },
@@ -138,9 +139,10 @@ fn of_camera(
         .unwrap_or_else(|| "no raw picture of a corrected frame is in this log".into());
     let staged = seen.iter().find_map(|s| s.stages.clone()).unwrap_or_else(|| Err(no_raw.clone()));
     // A survey of the corrected pictures tells the way as well where raw ones are gone.
-    let bench = bench
-        .or_else(|_| log.bench(camera, Pictures::Corrected, options).map_err(|e| e.to_string()));
-    let mut figures = vec![before_after::figure(log, camera, &shown, &seen, &no_raw, &place)];
+    let bench =
+        bench.or_else(|_| log.bench(camera, Images::Corrected, options).map_err(|e| e.to_string()));
+    let frames = before_after::Frames { camera, shown: &shown, seen: &seen };
+    let mut figures = vec![before_after::figure(log, &frames, &no_raw, &place)?];
     figures.push(figures::channel_means(camera, &seen, &no_raw, &place));
     figures.push(figures::pairs_by_image(camera, &place));
     figures.push(figures::beam_pattern(camera, &place));
@@ -148,10 +150,10 @@ fn of_camera(
     figures.extend(track::figures(camera, bench.as_ref(), places, &place));
     figures.extend(figures::attenuation_over_time(camera, &place));
     let figures: String = figures.iter().map(|f| f.html(&place)).collect();
-    facts::section(log, camera, number, &place)
+    Ok(facts::section(log, camera, number, &place)
         + "<h2>Figures</h2>\n"
         + &figures
-        + &facts::settings(log, camera, number)
+        + &facts::settings(log, camera, number))
 }
 
 fn why_no_bench(camera: &CameraLog, error: &Error) -> String {
@@ -164,47 +166,49 @@ fn why_no_bench(camera: &CameraLog, error: &Error) -> String {
     }
 }
 
-/// Corrected frames from the lowest to the highest, evenly by rank.
-fn shown_frames(camera: &CameraLog, most: usize) -> BTreeSet<u64> {
-    let mut by_altitude: Vec<_> = camera.corrected().map(|(_, f)| f).collect();
-    by_altitude.sort_by(|a, b| a.altitude_m.total_cmp(&b.altitude_m));
+/// Records of corrected frames from the lowest to the highest, evenly by rank.
+fn shown_frames(camera: &CameraLog, max: usize) -> BTreeSet<usize> {
+    let mut by_altitude: Vec<_> = camera.corrected().collect();
+    by_altitude.sort_by(|(_, a), (_, b)| a.altitude_m.total_cmp(&b.altitude_m));
     let last = by_altitude.len().saturating_sub(1);
-    (0..most)
-        .filter_map(|k| by_altitude.get(k * last / (most - 1).max(1)))
-        .map(|f| f.log_time)
+    (0..max)
+        .filter_map(|k| by_altitude.get(k * last / (max - 1).max(1)))
+        .map(|(record, _)| *record)
         .collect()
 }
 
 /// Decodes what the figures need, each frame once.
-fn look(bench: &Bench, camera: &CameraLog, shown: &BTreeSet<u64>) -> Result<Vec<Seen>> {
-    let corrected: Vec<u64> = camera.corrected().map(|(_, f)| f.log_time).collect();
+fn look(
+    bench: &Bench,
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    shown: &BTreeSet<usize>,
+) -> Result<Vec<Seen>> {
+    let corrected: Vec<usize> = camera.corrected().map(|(record, _)| record).collect();
     let step = corrected.len().div_ceil(MEANS_OF_FRAMES).max(1);
-    let wanted: BTreeSet<u64> =
+    let wanted: BTreeSet<usize> =
         corrected.iter().copied().step_by(step).chain(shown.iter().copied()).collect();
-    let altitudes: BTreeMap<u64, f64> =
-        camera.corrected().map(|(_, f)| (f.log_time, f.altitude_m)).collect();
-    let index_of = |(index, frame): (usize, &crate::session::index::FrameRef)| {
-        wanted.contains(&u64::try_from(frame.logged.0).unwrap_or_default()).then_some(index)
-    };
-    let chosen: BTreeSet<usize> =
-        bench.log.survey.frames.iter().enumerate().filter_map(index_of).collect();
+    let mut records = log.records(camera, Images::Raw);
+    records.retain(|_, record| wanted.contains(record));
+    let chosen: BTreeSet<FrameId> = records.keys().copied().collect();
     // The stages are those of the frame in the middle of what is shown.
     let staged = shown.iter().nth(shown.len() / 2).copied();
-    let stages = stages::Stages::new(bench);
     let mut seen = Vec::new();
+    let raw = |image: &SensorImage| downscale(&image.clone().into_demosaiced(), SHOWN_SIDE);
     bench.each(
         &chosen,
-        |frame| Seen {
-            log_time: frame.log_time,
-            altitude_m: altitudes.get(&frame.log_time).copied().unwrap_or(f64::NAN),
-            mean_light: bench.samples(&frame, false).mean_light,
-            bands: frame.image.bands(),
-            raw: shown
-                .contains(&frame.log_time)
-                .then(|| downscale(&frame.image.clone().into_demosaiced(), SHOWN_SIDE)),
-            stages: (staged == Some(frame.log_time)).then(|| stages.of(bench, &frame)),
+        |frame| {
+            let record = records.get(&frame.frame.at.id).copied()?;
+            Some(Seen {
+                record,
+                altitude_m: camera.frames.get(record).map_or(f64::NAN, |f| f.altitude_m),
+                mean_light: bench.samples(frame, false).mean_light,
+                bands: frame.image.bands(),
+                raw: shown.contains(&record).then(|| raw(&frame.image)),
+                stages: (staged == Some(record)).then(|| stages::stages(bench, frame)),
+            })
         },
-        |frame| seen.push(frame),
+        |frame| seen.extend(frame),
     )?;
     Ok(seen)
 }

@@ -8,7 +8,6 @@ use super::super::display::{downscale, exposure, jpeg_uri, to_srgb};
 use super::Figure;
 use crate::config::{Method, WhiteBalance};
 use crate::image::LinearImage;
-use crate::model::ScatterTable;
 use crate::plot::escape_markup;
 use crate::run::bench::{Bench, BenchFrame};
 
@@ -16,50 +15,38 @@ use crate::run::bench::{Bench, BenchFrame};
 const SIDE: usize = 560;
 const QUALITY: u8 = 84;
 
-/// What the stages of any frame need, made once.
-pub struct Stages {
-    attenuation: Option<ScatterTable>,
-    full: Option<ScatterTable>,
-}
-
-impl Stages {
-    pub fn new(bench: &Bench) -> Self {
-        Self { attenuation: bench.glow(Method::Attenuation), full: bench.glow(Method::Full) }
+/// The four images of a frame as HTML.
+pub fn stages(bench: &Bench, frame: &BenchFrame<'_>) -> Result<String, String> {
+    let log_colors = bench.log_colors(frame);
+    if log_colors.is_empty() {
+        return Err("no part of the frame is lit by the strobe as the model has it".into());
     }
-
-    /// The four pictures as HTML.
-    pub fn of(&self, bench: &Bench, frame: &BenchFrame) -> Result<String, String> {
-        let lit = bench.lit(frame);
-        if lit.is_empty() {
-            return Err("no part of the frame is lit by the strobe as the model has it".into());
-        }
-        let raw = frame.image.clone().into_demosaiced();
-        let balance = balance_of(&bench.file.rendering.gain);
-        let stage = |method, white_balance, glow: &Option<ScatterTable>| {
-            let rendering = bench.rendering(&lit, method, white_balance);
-            bench.corrected(frame, method, &rendering, glow.as_ref())
-        };
-        let both = if bench.file.rendering.method == Method::Full {
-            bench.corrected(frame, Method::Full, &bench.file.rendering, self.full.as_ref())
-        } else {
-            stage(Method::Full, balance, &self.full)
-        };
-        let pictures = [
-            ("raw", raw),
-            ("attenuation alone", stage(Method::Attenuation, balance, &self.attenuation)),
-            ("beam pattern alone", stage(Method::BeamPattern, WhiteBalance::None, &None)),
-            ("attenuation and beam pattern", both),
-        ];
-        let mut html = String::from("<div class=\"four\">");
-        for (name, image) in &pictures {
-            let small = downscale(image, SIDE);
-            let is_both = *name == pictures[3].0;
-            // Both is as the log has it; the others are brought to where they can be looked at.
-            let factor = if is_both { 1.0 } else { exposure(std::iter::once(&small)) };
-            html += &tile(name, &small, factor)?;
-        }
-        Ok(html + "</div>")
+    let raw = frame.image.clone().into_demosaiced();
+    let of_model = &bench.model.file.rendering;
+    let balance = balance_of(&of_model.gain);
+    let stage = |method, white_balance| {
+        bench.corrected(frame, method, &bench.exposure(&log_colors, method, white_balance))
+    };
+    let both = if of_model.method == Method::Full {
+        bench.corrected(frame, Method::Full, of_model)
+    } else {
+        stage(Method::Full, balance)
+    };
+    let pictures = [
+        ("raw", raw),
+        ("attenuation alone", stage(Method::Attenuation, balance)),
+        ("beam pattern alone", stage(Method::BeamPattern, WhiteBalance::None)),
+        ("attenuation and beam pattern", both),
+    ];
+    let mut html = String::from("<div class=\"four\">");
+    for (name, image) in &pictures {
+        let small = downscale(image, SIDE);
+        let is_both = *name == pictures[3].0;
+        // Both is as the log has it; the others are brought to where they can be looked at.
+        let factor = if is_both { 1.0 } else { exposure(std::iter::once(&small)) };
+        html += &tile(name, &small, factor)?;
     }
+    Ok(html + "</div>")
 }
 
 /// The balance between bands that a log's exposure holds.

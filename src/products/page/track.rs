@@ -35,7 +35,7 @@ const QUANTITIES: [Quantity; 2] = [
         name: "plane residual",
         label: "residual [m]",
         means: "root mean square of the hits' heights over the plane",
-        of: |f| f.floor.as_ref().map_or(f64::NAN, |p| p.residual_m),
+        of: |f| f.seafloor.as_ref().map_or(f64::NAN, |p| p.residual_m),
         missing: "no plane is held by more returns than it needs, so nothing is left over (an \
                   altimeter, or three beams)",
     },
@@ -63,16 +63,12 @@ struct Way {
 
 fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places) -> Option<Way> {
     let by_pose = bench.ok().and_then(|bench| {
-        let survey = &bench.log.survey;
-        let with_planes: Vec<_> = frames
-            .iter()
-            .map(|f| {
-                (f.stamp, survey.pings.seafloor(f.stamp, &survey.rig, &bench.config.seafloor).ok())
-            })
-            .collect();
+        let survey = &bench.session.survey;
+        let with_planes: Vec<_> =
+            frames.iter().map(|f| (f.stamp, bench.session.seafloor(f.stamp).ok())).collect();
         let known: Vec<_> =
             with_planes.iter().filter_map(|(stamp, plane)| Some((*stamp, (*plane)?))).collect();
-        let placed = placed(&bench.log, places, &known)?;
+        let placed = placed(&bench.session, places, &known)?;
         let mut found = placed.poses.into_iter();
         let camera = survey.rig.body_from_optical.origin().vector();
         let at = with_planes.iter().map(|(_, plane)| {

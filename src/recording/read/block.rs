@@ -8,13 +8,15 @@ use std::sync::Arc;
 use mcap::records::{Record, op};
 
 use super::super::source::Source;
-use super::message::Message;
+use super::message::{FrameId, Message};
 use super::records::{ChunkHeader, RECORD_HEADER, lengths_fit};
 use super::types::{Damage, Window};
 
 /// Position of a block in the file, and its properties known without reading it.
 #[derive(Clone, Debug)]
 pub struct Block {
+    /// number of the block in the log, counted from 0
+    pub(super) number: u32,
     /// a chunk's body, or message records with their headers [byte]
     range: Range<u64>,
     kind: Kind,
@@ -37,6 +39,7 @@ impl Block {
         let is_compressed = !header.compression.is_empty();
         let unpacked = if is_compressed { header.uncompressed_size } else { 0 };
         Self {
+            number: 0,
             memory: (body.end - body.start).saturating_add(unpacked),
             range: body,
             kind: Kind::Chunk { is_whole, has_checksum: header.crc != 0 },
@@ -48,6 +51,7 @@ impl Block {
     /// A message record outside of chunks.
     pub(super) fn bare(record: Range<u64>, log_time: u64, channel: u16) -> Self {
         Self {
+            number: 0,
             memory: record.end - record.start,
             range: record,
             kind: Kind::Bare,
@@ -113,16 +117,22 @@ impl Block {
 
     /// Reads, decompresses and verifies the block.
     pub(super) fn read(&self, source: &Source, window: Window) -> io::Result<Contents> {
-        match self.kind {
+        let mut contents = match self.kind {
             Kind::Bare => {
                 let buffer = Arc::new(source.bytes(self.range.clone())?);
-                Ok(parse_records(&buffer, 0..buffer.len(), window).contents)
+                parse_records(&buffer, 0..buffer.len(), window).contents
             }
             Kind::Chunk { is_whole, .. } => {
                 let record = self.range.start - RECORD_HEADER as u64..self.range.end;
-                Ok(parse_chunk(source.bytes(record)?, self.range.start, is_whole, window))
+                parse_chunk(source.bytes(record)?, self.range.start, is_whole, window)
+            }
+        };
+        for entry in &mut contents.entries {
+            if let Entry::Message(message) = entry {
+                message.id.block = self.number;
             }
         }
+        Ok(contents)
     }
 }
 
@@ -197,7 +207,7 @@ fn parse_chunk(record: Vec<u8>, offset: u64, is_whole: bool, window: Window) -> 
         }
     }
     let size = range.len() as u64;
-    let Parsed { mut contents, index, times, is_partial, problem: parse_problem } =
+    let Parsed { mut contents, index, times, is_partial, problem: parse_problem, .. } =
         parse_records(&buffer, range, window);
     // A chunk without messages is not copied: its declarations are repeated anyway.
     if is_whole
@@ -226,6 +236,8 @@ struct Parsed {
     /// as [`RawChunk::messages`]
     index: Vec<(u16, u64, u64)>,
     times: (u64, u64),
+    /// message records so far, in the window or not
+    messages: u32,
     /// the contents lack a message outside of the window, or a declaration that cannot be read
     is_partial: bool,
     problem: Option<&'static str>,
@@ -242,15 +254,19 @@ impl Parsed {
         window: Window,
     ) {
         match opcode {
-            op::MESSAGE => match Message::parse(buffer, body) {
-                Some(message) if window.contains(message.log_time) => {
-                    let time = message.log_time;
-                    self.index.push((message.channel, time, offset));
-                    self.times = (self.times.0.min(time), self.times.1.max(time));
-                    self.contents.entries.push(Entry::Message(message));
+            op::MESSAGE => {
+                let id = FrameId { block: 0, entry: self.messages };
+                self.messages += 1;
+                match Message::parse(id, buffer, body) {
+                    Some(message) if window.contains(message.log_time) => {
+                        let time = message.log_time;
+                        self.index.push((message.channel, time, offset));
+                        self.times = (self.times.0.min(time), self.times.1.max(time));
+                        self.contents.entries.push(Entry::Message(message));
+                    }
+                    _ => self.is_partial = true,
                 }
-                _ => self.is_partial = true,
-            },
+            }
             op::SCHEMA | op::CHANNEL => {
                 let body = &buffer[body];
                 match lengths_fit(opcode, body).then(|| mcap::parse_record(opcode, body)) {

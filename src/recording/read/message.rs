@@ -6,9 +6,32 @@ use std::sync::Arc;
 use super::records::{MESSAGE_HEADER, MessageHeader};
 use crate::units::Stamp;
 
+/// Identity of a frame, and of any message: its place in the log. It depends neither on the window
+/// that is read nor on any clock.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    serde::Serialize,
+    serde::Deserialize,
+)]
+pub struct FrameId {
+    /// block of the log, counted from 0
+    pub block: u32,
+    /// message of the block, counted from 0
+    pub entry: u32,
+}
+
 /// A message. Its payload is shared with the block it was read with.
 #[derive(Clone)]
 pub struct Message {
+    /// its place in the log
+    pub id: FrameId,
     /// channel id
     pub channel: u16,
     /// 0 where the recorder does not number messages
@@ -23,9 +46,10 @@ pub struct Message {
 
 impl Message {
     /// From a message record, whose body is this range of the buffer.
-    pub(super) fn parse(buffer: &Arc<Vec<u8>>, body: Range<usize>) -> Option<Self> {
+    pub(super) fn parse(id: FrameId, buffer: &Arc<Vec<u8>>, body: Range<usize>) -> Option<Self> {
         let header = MessageHeader::parse(buffer.get(body.clone())?)?;
         Some(Self {
+            id,
             channel: header.channel,
             sequence: header.sequence,
             log_time: header.log_time,

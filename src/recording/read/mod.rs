@@ -20,7 +20,7 @@ mod types;
 
 pub use attachment::Attachment;
 pub use block::{Block, Contents, Entry, RawChunk};
-pub use message::Message;
+pub use message::{FrameId, Message};
 pub use recording::Recording;
 pub use records::{MAGIC, MessageHeader, RECORD_HEADER};
 pub use types::{Channel, Damage, Declarations, Schema, Window};

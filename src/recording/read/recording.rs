@@ -55,7 +55,7 @@ impl Recording {
             return Err(Error::NotMcap { path: path.into(), hint: hint(&magic) });
         }
         let Index {
-            blocks,
+            mut blocks,
             bare_messages,
             has_summary,
             is_complete,
@@ -66,6 +66,7 @@ impl Recording {
             damage,
             compressions,
         } = Index::read(&source).map_err(read)?;
+        (0..).zip(&mut blocks).for_each(|(number, block)| block.number = number);
         // Without a summary, or with one that repeats no channels, they are only inside chunks.
         if !is_complete || declarations.channels.is_empty() {
             for block in &blocks {

@@ -67,7 +67,7 @@ impl Window {
     }
 
     /// Whether any log time from `first` to `last` lies inside.
-    pub(super) fn overlaps(&self, (first, last): (u64, u64)) -> bool {
+    pub fn overlaps(&self, (first, last): (u64, u64)) -> bool {
         last >= self.start && self.is_before_end(first)
     }
 

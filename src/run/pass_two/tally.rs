@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Done, Shown};
+use super::super::camera_output::{FrameOutput, ImageMessages};
 use crate::diagnostics::{Diagnostic, Reason, Uncorrected};
 use crate::report::Report;
 
@@ -17,16 +17,16 @@ pub struct Tally {
 }
 
 impl Tally {
-    pub fn count(&mut self, done: &Done) {
-        if let Some(plane) = &done.plane {
+    pub fn count(&mut self, frame: &FrameOutput) {
+        if let Some(plane) = &frame.plane {
             *self.planes.entry(plane.support.word().into()).or_default() += 1;
         }
-        match &done.result {
+        match &frame.result {
             Err(reason) => match self.uncorrected.iter_mut().find(|u| u.reason == *reason) {
                 Some(known) => known.frames += 1,
                 None => self.uncorrected.push(Uncorrected { frames: 1, reason: reason.clone() }),
             },
-            Ok(Shown { facts: f, .. }) => {
+            Ok(ImageMessages { facts: f, .. }) => {
                 self.corrected += 1;
                 let [low, high] = self.altitude.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
                 self.altitude = Some([low.min(f.camera_altitude_m), high.max(f.camera_altitude_m)]);
@@ -44,7 +44,7 @@ impl Tally {
         }
     }
 
-    /// Frames that a reason kept from being corrected so far.
+    /// Frames so far that were not corrected for this reason.
     pub fn frames_of(&self, reason: &Reason) -> usize {
         self.uncorrected.iter().find(|u| u.reason == *reason).map_or(0, |u| u.frames)
     }

@@ -1,88 +1,47 @@
-//! What a survey holds against each other: ranges and altitudes, stamps and log times, pictures and
-//! calibrations. It reports and switches nothing.
+//! Consistency checks: ranges and altitudes, stamps and log times, images and calibrations. They
+//! report and change nothing.
 
-use crate::diagnostics::{CameraFact, ClockFact, Diagnostic, RangeFact};
+use super::super::index::ChannelIndex;
+use super::super::log::Log;
+use crate::diagnostics::{ClockFact, RangeFact};
 use crate::messages::AltitudeCheck;
-use crate::recording::Recording;
-use crate::units::{SlantRange, Stamp};
-use crate::vehicle::{Beam, Camera, Ping, RangeKind, RigFile};
+use crate::stats::median;
+use crate::units::Stamp;
+use crate::vehicle::{Camera, Ping, RangeKind};
 
-use super::super::index::{ChannelScan, Scan};
-use crate::coordinates::Direction;
-
-/// Fewer messages say nothing.
-const LEAST_MESSAGES: usize = 5;
+/// Fewer messages are no evidence.
+const MIN_MESSAGES: usize = 5;
 /// Beams nearer to the axis than this make no difference between slant and vertical.
-const LARGEST_COSINE: f64 = 0.98;
+const MAX_COSINE: f64 = 0.98;
 /// A clock this far from the recorder's is the device's own [s].
 const DEVICE_CLOCK_S: f64 = 60.0;
 
-/// So many equal readings are no measurement.
+/// This many equal readings in a row are no measurement.
 const FROZEN_MESSAGES: usize = 20;
 
-/// Seconds that the rig file adds to a topic's stamps.
-pub fn offset_s(rig_file: &RigFile, topic: &str) -> f64 {
-    rig_file.time_offset_s.get(topic).copied().unwrap_or(0.0)
-}
-
-/// The calibration that fits pictures of this size, and whose topic shares most with theirs.
-pub fn nearest_calibration(
-    recording: &Recording,
-    scan: &Scan,
-    topic: &str,
-    picture: Option<(usize, usize)>,
-) -> Option<Camera> {
+/// The calibration that fits images of this size, and whose topic has most elements in common with
+/// theirs.
+pub fn nearest_calibration(log: &Log, topic: &str, size: Option<(usize, usize)>) -> Option<Camera> {
     let shared =
         |other: &str| other.split('/').zip(topic.split('/')).take_while(|(a, b)| a == b).count();
-    let of_log = scan.channels.iter().filter_map(|(id, c)| {
-        let name = &recording.channels.get(id)?.topic;
-        Some((std::cmp::Reverse(shared(name)), name, c.camera?.for_image_size(picture)?))
+    let of_log = log.index.channels.iter().filter_map(|(id, c)| {
+        let name = &log.recording.channels.get(id)?.topic;
+        Some((std::cmp::Reverse(shared(name)), name, c.camera?.for_image_size(size)?))
     });
     of_log.min_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1))).map(|(_, _, camera)| camera)
-}
-
-/// Places of depth pictures become beams, now that calibrations are known.
-pub fn depths_to_beams(recording: &Recording, scan: &mut Scan, diagnostics: &mut Vec<Diagnostic>) {
-    let with_depths: Vec<u16> =
-        scan.channels.iter().filter(|(_, c)| !c.depths.is_empty()).map(|(id, _)| *id).collect();
-    for id in with_depths {
-        let topic = recording.channels.get(&id).map(|c| c.topic.clone()).unwrap_or_default();
-        let size =
-            scan.channels.get(&id).and_then(|c| c.depths.first()).map(|d| (d.width, d.height));
-        let camera = nearest_calibration(recording, scan, &topic, size);
-        let Some(channel) = scan.channels.get_mut(&id) else { continue };
-        let Some(camera) = camera.zip(size).and_then(|(c, (w, h))| c.scaled_to(w, h)) else {
-            diagnostics.push(Diagnostic::on(&topic, CameraFact::DepthWithoutCalibration));
-            continue;
-        };
-        let depths = std::mem::take(&mut channel.depths);
-        for ((ping, _), depth) in channel.pings.iter_mut().zip(depths) {
-            let beam = |[u, v, z]: &[f64; 3]| {
-                let (x, y) = camera.image_plane(*u, *v)?;
-                let direction = Direction::from_vector(nalgebra::Vector3::new(x, y, 1.0))?;
-                Some(Beam { direction, range: Some(SlantRange(z * (1.0 + x * x + y * y).sqrt())) })
-            };
-            ping.beams = depth.samples.iter().filter_map(beam).collect();
-        }
-    }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// The altitude of an instrument with four good beams is cos θ of their mean where they are slant,
 /// and the mean itself where they are vertical.
 pub fn slant_or_vertical(heights: &[AltitudeCheck]) -> Option<RangeFact> {
     let kind = heights.first()?.kind;
-    if heights.len() < LEAST_MESSAGES {
+    if heights.len() < MIN_MESSAGES {
         return None;
     }
-    let altitude_ratio = median(heights.iter().map(|h| h.ratio).collect());
-    let slant_ratio = median(heights.iter().map(|h| h.cosine).collect());
+    let altitude_ratio = median(&heights.iter().map(|h| h.ratio).collect::<Vec<_>>());
+    let slant_ratio = median(&heights.iter().map(|h| h.cosine).collect::<Vec<_>>());
     let messages = heights.len();
-    if slant_ratio > LARGEST_COSINE {
+    if slant_ratio > MAX_COSINE {
         return None;
     }
     if !(0.8 * slant_ratio..=1.2).contains(&altitude_ratio) {
@@ -111,16 +70,16 @@ pub fn ranges(pings: &[(Ping, Stamp)]) -> Vec<RangeFact> {
         .iter()
         .flat_map(|(p, _)| p.beams.iter().filter_map(|b| b.range.map(|r| r.0)))
         .collect();
-    let most = ranges.iter().copied().fold(0.0, f64::max);
-    let at_most = ranges.iter().filter(|r| **r == most).count();
-    if at_most >= FROZEN_MESSAGES && at_most < ranges.len() {
-        found.push(RangeFact::RangeLimit { ranges: at_most, range_m: most });
+    let max = ranges.iter().copied().fold(0.0, f64::max);
+    let at_max = ranges.iter().filter(|r| **r == max).count();
+    if at_max >= FROZEN_MESSAGES && at_max < ranges.len() {
+        found.push(RangeFact::RangeLimit { ranges: at_max, range_m: max });
     }
     found
 }
 
 /// Stamps that are missing, of another clock, that stand still or run backwards.
-pub fn clock(channel: &ChannelScan, stamps: &[Stamp]) -> Vec<ClockFact> {
+pub fn clock(channel: &ChannelIndex, stamps: &[Stamp]) -> Vec<ClockFact> {
     let mut found = Vec::new();
     // A message type without any header is no surprise.
     if channel.unstamped > 0 && (channel.unstamped < channel.count || !channel.frame_id.is_empty())
@@ -145,7 +104,9 @@ pub fn clock(channel: &ChannelScan, stamps: &[Stamp]) -> Vec<ClockFact> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::Altitude;
+    use crate::coordinates::Direction;
+    use crate::units::{Altitude, SlantRange};
+    use crate::vehicle::Beam;
 
     #[test]
     fn ranges_against_altitude() {
@@ -190,11 +151,11 @@ mod tests {
 
     #[test]
     fn clocks_that_cannot_be_trusted_are_reported() {
-        let channel = ChannelScan {
+        let channel = ChannelIndex {
             count: 10,
             unstamped: 2,
             clock_offset_s: Some(-3.0e8),
-            ..ChannelScan::default()
+            ..ChannelIndex::default()
         };
         let expected = [
             ClockFact::Missing { missing: 2, messages: 10 },
@@ -204,7 +165,7 @@ mod tests {
         ];
         assert_eq!(clock(&channel, &[Stamp(5), Stamp(5), Stamp(4)]), expected);
         assert!(
-            clock(&ChannelScan { count: 10, unstamped: 10, ..ChannelScan::default() }, &[])
+            clock(&ChannelIndex { count: 10, unstamped: 10, ..ChannelIndex::default() }, &[])
                 .is_empty(),
             "a bare number has no stamp"
         );

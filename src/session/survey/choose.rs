@@ -1,38 +1,39 @@
-//! Which camera and which range instrument of a log are meant.
+//! Choice of the camera and the range instrument of a log.
 
 use std::collections::BTreeMap;
 
-use super::super::index::{ChannelScan, Scan};
-use super::{Selection, channel_list, topic};
+use super::super::log::Log;
+use super::super::options::Selection;
+use super::ranges::LoggedPings;
 use crate::diagnostics::{CameraFact, Diagnostic};
 use crate::error::{Error, Result};
 use crate::messages::Kind;
-use crate::recording::Recording;
-use crate::vehicle::RigFile;
+use crate::units::Stamp;
+use crate::vehicle::{Ping, RigFile};
 
 pub fn choose_camera(
-    recording: &Recording,
-    scan: &Scan,
+    log: &Log,
     selection: &Selection,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<String> {
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
-    for (id, decoder) in &scan.decoders {
+    for (id, decoder) in &log.index.decoders {
         if matches!(decoder.message_type.kind, Kind::Image(_)) {
-            *topics.entry(topic(recording, *id)).or_default() +=
-                scan.channels.get(id).map_or(0, |c| c.frames.len());
+            *topics.entry(log.topic(*id)).or_default() +=
+                log.index.channels.get(id).map_or(0, |c| c.frames.len());
         }
     }
     let seen = if topics.is_empty() {
-        channel_list(recording)
+        log.channel_list()
     } else {
         topics.keys().cloned().collect::<Vec<_>>().join(", ")
     };
     if let Some(wanted) = &selection.camera {
-        return if let Some(codec) = scan
+        return if let Some(codec) = log
+            .index
             .channels
             .iter()
-            .filter(|(id, _)| topic(recording, **id) == *wanted)
+            .filter(|(id, _)| log.topic(**id) == *wanted)
             .find_map(|(_, c)| c.video.clone())
         {
             Err(Error::Video { topic: wanted.clone(), codec })
@@ -43,10 +44,10 @@ pub fn choose_camera(
         };
     }
     let video = |topic: &String| {
-        let of_topic = scan
-            .channels
-            .iter()
-            .filter(|(id, _)| recording.channels.get(id).is_some_and(|c| c.topic == *topic));
+        let of_topic =
+            log.index.channels.iter().filter(|(id, _)| {
+                log.recording.channels.get(id).is_some_and(|c| c.topic == *topic)
+            });
         of_topic.filter_map(|(_, c)| c.video.clone()).next()
     };
     let videos: Vec<(String, String)> =
@@ -77,7 +78,7 @@ pub fn choose_camera(
         diagnostics.push(Diagnostic::on(kept, CameraFact::RawPreferred { compressed_topic }));
     }
     match topics.len() {
-        0 => Err(Error::NoCamera { seen: channel_list(recording) }),
+        0 => Err(Error::NoCamera { seen: log.channel_list() }),
         1 => Ok(topics.into_keys().next().unwrap_or_default()),
         _ => Err(Error::SeveralCameras { topics: topics.into_keys().collect() }),
     }
@@ -86,22 +87,21 @@ pub fn choose_camera(
 /// The range channel that tells most: beams before a single range before a bare altitude, and more
 /// answers before fewer.
 pub fn choose_ranges(
-    recording: &Recording,
-    scan: &Scan,
+    log: &Log,
+    pings: &BTreeMap<u16, LoggedPings<'_>>,
     wanted: Option<&String>,
     rig_file: &RigFile,
 ) -> Result<u16> {
-    let candidates = scan.decoders.iter().filter_map(|(id, d)| {
+    let candidates = log.index.decoders.iter().filter_map(|(id, d)| {
         if let Kind::Ping(rank, _) = d.message_type.kind { Some((*id, rank)) } else { None }
     });
     // The cloud that a corrected log got is no instrument.
     let is_meant =
         |topic: &String| wanted.map_or(!topic.starts_with("/unwater/"), |wanted| wanted == topic);
     let candidates: Vec<(u16, u8)> =
-        candidates.filter(|(id, _)| is_meant(&topic(recording, *id))).collect();
+        candidates.filter(|(id, _)| is_meant(&log.topic(*id))).collect();
     let score = |id: u16, rank: u8| {
-        let (plane, beam, altitude) =
-            scan.channels.get(&id).map_or((0, 0, 0), ChannelScan::ping_counts);
+        let (plane, beam, altitude) = pings.get(&id).map_or((0, 0, 0), |pings| ping_counts(pings));
         let quality = if plane > 0 {
             3
         } else if beam > 0 {
@@ -119,12 +119,13 @@ pub fn choose_ranges(
     match (answered, best, wanted) {
         (Some(id), ..) => Ok(id),
         (None, Some(id), _) => {
-            let complaint = scan
+            let complaint = log
+                .index
                 .channels
                 .get(&id)
                 .and_then(|c| c.unreadable.1.clone())
                 .filter(|_| rig_file.dvl.beams.is_none());
-            let topic = topic(recording, id);
+            let topic = log.topic(id);
             Err(match complaint {
                 Some(complaint) => Error::Rig(format!("{topic}: {complaint}")),
                 None => Error::Usage(format!(
@@ -136,8 +137,14 @@ pub fn choose_ranges(
         (None, None, Some(wanted)) => Err(Error::NoSuchTopic {
             what: "range instrument",
             topic: wanted.clone(),
-            seen: channel_list(recording),
+            seen: log.channel_list(),
         }),
-        (None, None, None) => Err(Error::NoRanges { seen: channel_list(recording) }),
+        (None, None, None) => Err(Error::NoRanges { seen: log.channel_list() }),
     }
+}
+
+/// Pings with at least three returns, with at least one, and with an altitude.
+fn ping_counts(pings: &[(Ping, Stamp)]) -> (usize, usize, usize) {
+    let count = |f: &dyn Fn(&Ping) -> bool| pings.iter().filter(|(p, _)| f(p)).count();
+    (count(&|p| p.returns() >= 3), count(&|p| p.returns() >= 1), count(&|p| p.altitude.is_some()))
 }

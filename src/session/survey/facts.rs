@@ -1,53 +1,43 @@
-//! What is known of a rig, as a rig file: for `init`, and for the output's attachment.
+//! The rig as a rig file: for `init`, and for the output's attachment.
 
 use crate::coordinates::Transform;
-use crate::messages::Kind;
-use crate::recording::Recording;
 use crate::vehicle::{CameraFacts, LampFacts, MountFacts, Rig, RigFile, StrobeMount};
 
-use super::super::index::{ChannelScan, Scan};
+use super::super::log::Log;
+use super::super::options::Options;
+use super::checks;
 use super::choose::choose_camera;
-use super::lights::strobe_mount;
+use super::lights::{Vehicle, strobe_mount};
 use super::mounts::Mounts;
-use super::{Selection, channels_of, checks};
 
-/// What is known of the camera and the strobe where a log has no ranges: the pictures' size, a
-/// calibration, the mounts.
-pub fn facts_without_ranges(
-    recording: &Recording,
-    scan: &Scan,
-    selection: &Selection,
-    given: &RigFile,
-) -> RigFile {
-    let Ok(topic) = choose_camera(recording, scan, selection, &mut Vec::new()) else {
+/// Camera and strobe of a log without ranges: image size, calibration, mounts.
+pub fn facts_without_ranges(log: &Log, options: &Options) -> RigFile {
+    let Ok(topic) = choose_camera(log, &options.selection, &mut Vec::new()) else {
         return RigFile::default();
     };
-    let ids = channels_of(recording, scan, &topic, |k| matches!(k, Kind::Image(_)));
-    let of_camera: Vec<&ChannelScan> = ids.iter().filter_map(|id| scan.channels.get(id)).collect();
-    let picture = of_camera.iter().find_map(|c| c.picture);
-    let mut camera = match checks::nearest_calibration(recording, scan, &topic, picture) {
+    let of_camera = log.channels(&log.image_channels(&topic));
+    let size = of_camera.iter().find_map(|c| c.image_size);
+    let mut camera = match checks::nearest_calibration(log, &topic, size) {
         Some(camera) => CameraFacts::of(&camera),
         None => CameraFacts {
-            width: picture.map(|p| p.0),
-            height: picture.map(|p| p.1),
+            width: size.map(|p| p.0),
+            height: size.map(|p| p.1),
             ..CameraFacts::default()
         },
     };
-    let mounts = Mounts::new(recording, scan);
+    let mounts = Mounts::new(log);
     let camera_frame =
         of_camera.iter().map(|c| c.frame_id.as_str()).find(|f| !f.is_empty()).unwrap_or_default();
     let (body_frame, pose) = mounts.root(camera_frame);
     let mut file = RigFile::default();
     if body_frame != camera_frame {
         camera.mount = Some(MountFacts::of(pose));
-        let strobe = strobe_mount(
-            &mounts,
-            &body_frame,
-            selection,
-            given,
-            Transform::from_isometry(pose),
-            &mut Vec::new(),
-        );
+        let vehicle = Vehicle {
+            mounts: &mounts,
+            body_frame: &body_frame,
+            body_from_optical: Transform::from_isometry(pose),
+        };
+        let strobe = strobe_mount(&vehicle, options, &mut Vec::new());
         strobe.iter().for_each(|strobe| put_lamps(&mut file, strobe));
     }
     file.camera = camera;

@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::Isometry3;
 
 use crate::messages::FrameTransform;
-use crate::recording::Recording;
 
-use super::super::index::Scan;
+use super::super::log::Log;
 
 /// The TF tree of a log: edges by child.
 pub struct Mounts<'s> {
@@ -16,14 +15,15 @@ pub struct Mounts<'s> {
 
 impl<'s> Mounts<'s> {
     /// The edges of `/tf_static`, the first of each child.
-    pub fn new(recording: &'s Recording, scan: &'s Scan) -> Self {
+    pub fn new(log: &'s Log) -> Self {
         let mut edges = BTreeMap::new();
         // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as
         // it first stood.
         for suffix in ["tf_static", "tf"] {
-            for (id, channel) in &scan.channels {
+            for (id, channel) in &log.index.channels {
                 if edges.is_empty() || suffix == "tf_static" {
-                    let is_meant = recording
+                    let is_meant = log
+                        .recording
                         .channels
                         .get(id)
                         .is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));

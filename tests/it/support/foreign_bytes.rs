@@ -12,9 +12,8 @@ use unwater::image::decode::{CameraResponse, decode, describe, grey16, size};
 use unwater::messages::{Decoder, Kind, header};
 use unwater::model::ModelFile;
 use unwater::recording::{Entry, Recording, Window};
-use unwater::session::survey::Selection;
 use unwater::session::survey::survey;
-use unwater::session::{Threads, index::scan};
+use unwater::session::{Log, Options, Threads};
 use unwater::vehicle::{DvlFacts, RigFile};
 
 /// Accepts any bytes.
@@ -147,8 +146,8 @@ fn mcap(bytes: &[u8]) {
     let path = scratch();
     std::fs::write(&path, bytes).unwrap();
     if let Ok(recording) = Recording::open(&path) {
-        let mut scan =
-            scan(&recording, Window::ALL, &DvlFacts::default(), &Threads::new(1)).unwrap();
+        let log = Log::scan(recording, &Options::default(), &Threads::new(1)).unwrap();
+        let recording = &log.recording;
         let mut total = 0;
         for entry in recording.messages(Window { start: 1, end: 1 << 62 }) {
             if let Entry::Message(m) = entry {
@@ -158,7 +157,7 @@ fn mcap(bytes: &[u8]) {
         total += recording.attachments().flatten().map(|a| a.size as usize).sum::<usize>();
         std::hint::black_box(total);
         let rig: RigFile = toml::from_str("[camera]\nhorizontal_field_of_view_deg = 60.0").unwrap();
-        drop(survey(&recording, &mut scan, &Selection::default(), &rig, &Config::default()));
+        drop(survey(&log, &Options { rig, ..Options::default() }));
     }
     std::fs::remove_file(&path).unwrap();
 }

@@ -1,0 +1,100 @@
+//! One camera in pass two: what its topics are made of.
+
+use crate::correct::FrameFacts;
+use crate::diagnostics::{Diagnostic, Reason};
+use crate::geometry::SeafloorPlane;
+use crate::image::Container;
+use crate::messages::Header;
+use crate::messages::writer::WireFormat;
+use crate::recording::Message;
+use crate::report::Report;
+use crate::session::CameraSession;
+use crate::units::Stamp;
+
+use super::camera_model::CameraModel;
+use super::corrector::Corrector;
+use super::output_names::{corrected_topic, method_name, output_container};
+
+/// A camera that is corrected.
+pub struct CameraOutput<'p> {
+    /// log and survey
+    pub session: &'p CameraSession,
+    /// its model
+    pub model: &'p CameraModel,
+    /// corrects its frames
+    pub corrector: Corrector<'p>,
+    /// wire format of added messages
+    pub wire: WireFormat,
+    /// the rig as the text of a rig file
+    pub rig_toml: &'p str,
+    /// those of the model
+    pub model_diagnostics: &'p [Diagnostic],
+    /// follows `/unwater` in the names of all but the first camera
+    pub name: String,
+}
+
+/// A frame after the work on it.
+pub struct FrameOutput {
+    /// its message in the input
+    pub message: Message,
+    /// header of that message
+    pub header: Header,
+    /// seafloor below it
+    pub plane: Option<SeafloorPlane>,
+    /// message of the raw image for viewers
+    pub preview: Option<Vec<u8>>,
+    /// messages of the corrected image, or why there are none
+    pub result: Result<ImageMessages, Reason>,
+}
+
+/// Messages of a corrected image.
+pub struct ImageMessages {
+    /// the image
+    pub image: Vec<u8>,
+    /// its mask
+    pub mask: Option<Vec<u8>>,
+    /// the image on the seafloor, for 3-D panels
+    pub cloud: Option<Vec<u8>>,
+    /// path lengths and shares
+    pub facts: FrameFacts,
+}
+
+impl FrameOutput {
+    /// Time of the frame, as in its message.
+    pub fn stamp(&self) -> Stamp {
+        self.header.stamp.unwrap_or(self.message.log_stamp())
+    }
+}
+
+impl CameraOutput<'_> {
+    /// File format of the corrected images.
+    pub fn container(&self) -> Container {
+        output_container(self.session.survey.container, &self.session.config)
+    }
+
+    /// Topic of the corrected images.
+    pub fn corrected_topic(&self) -> String {
+        let is_compressed = self.container() != Container::Raw;
+        corrected_topic(&self.session.survey.camera_topic, is_compressed)
+    }
+
+    /// A topic below `/unwater`.
+    pub fn own_topic(&self, name: &str) -> String {
+        format!("/unwater{}/{name}", self.name)
+    }
+
+    /// The report before the first frame.
+    pub fn new_report(&self) -> Report {
+        let Self { session, model_diagnostics, .. } = self;
+        Report {
+            version: env!("CARGO_PKG_VERSION").into(),
+            source: session.file_name(),
+            camera_topic: session.survey.camera_topic.clone(),
+            corrected_topic: self.corrected_topic(),
+            dvl_topic: session.survey.dvl_topic.clone(),
+            method: method_name(session.config.render.method).into(),
+            diagnostics: [&session.survey.diagnostics, *model_diagnostics].concat(),
+            ..Report::default()
+        }
+    }
+}

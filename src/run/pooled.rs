@@ -1,0 +1,97 @@
+//! Samples of several logs in one: what pass one collected, and where each frame came from.
+
+use super::pass_one::Collected;
+use crate::error::{Error, Result};
+use crate::estimate::{FrameSamples, MatchedPair};
+use crate::model::{FrameGainFile, InputFile};
+use crate::session::{CameraSession, FrameId};
+use crate::vehicle::SettingSeries;
+
+/// Samples of all logs.
+#[derive(Default)]
+pub struct Pooled {
+    /// in the order of the logs
+    pub frames: Vec<FrameSamples>,
+    /// matched keypoints
+    pub pairs: Vec<MatchedPair>,
+    /// the logs
+    pub inputs: Vec<InputFile>,
+    /// per setting of the first log: its value for every frame, NaN where unknown
+    pub settings: Vec<Vec<f64>>,
+    /// per frame: index of its log, and its identity there
+    pub origins: Vec<(usize, Option<FrameId>)>,
+}
+
+impl Pooled {
+    /// Joins the samples of all logs.
+    ///
+    /// # Errors
+    /// A log cannot be read, or there is no frame with a seafloor.
+    pub fn new(logs: Vec<(&CameraSession, Collected)>) -> Result<Self> {
+        let Some((first, _)) = logs.first() else {
+            return Err(Error::Usage("no log was given".into()));
+        };
+        let first = *first;
+        let mut pooled = Self::default();
+        pooled.settings.resize(first.survey.settings.len(), Vec::new());
+        for (session, collected) in logs {
+            pooled.add(first, session, collected)?;
+        }
+        if pooled.frames.is_empty() {
+            let reason = match first.survey.frames.len() {
+                0 => "the camera has no images".to_string(),
+                n => format!("none of {n} images has a seafloor below it and can be decoded"),
+            };
+            let remedy = "`unwater inspect` says what is missing".into();
+            return Err(Error::NotEstimated { reason, remedy });
+        }
+        Ok(pooled)
+    }
+
+    fn add(
+        &mut self,
+        first: &CameraSession,
+        session: &CameraSession,
+        mut collected: Collected,
+    ) -> Result<()> {
+        let (log, offset) = (self.inputs.len(), self.frames.len());
+        let survey = &session.survey;
+        self.inputs.push(InputFile {
+            name: session.file_name(),
+            sha256: session.recording.sha256()?.into(),
+            camera_topic: survey.camera_topic.clone(),
+            dvl_topic: survey.dvl_topic.clone(),
+            frames: collected.frames.len(),
+        });
+        for (values, series) in self.settings.iter_mut().zip(&first.survey.settings) {
+            let is_same = |s: &&SettingSeries| (&s.topic, &s.name) == (&series.topic, &series.name);
+            let same = survey.settings.iter().find(is_same);
+            let value = |f: &FrameSamples| same.and_then(|s| s.at(f.stamp)).unwrap_or(f64::NAN);
+            values.extend(collected.frames.iter().map(value));
+        }
+        let id = |f: &FrameSamples| survey.frames.get(f.frame).map(|frame| frame.id);
+        self.origins.extend(collected.frames.iter().map(|f| (log, id(f))));
+        self.frames.append(&mut collected.frames);
+        let pairs = collected.pairs.into_iter();
+        self.pairs.extend(pairs.map(|p| MatchedPair { a: p.a + offset, b: p.b + offset, ..p }));
+        Ok(())
+    }
+}
+
+/// Gains of the frames that stand out, for `model.json`. Frames are those that were pooled.
+pub fn frame_gains(
+    origins: &[(usize, Option<FrameId>)],
+    frames: &[FrameSamples],
+    log_gains: &[f64],
+) -> Vec<FrameGainFile> {
+    let frames = origins.iter().zip(frames).zip(log_gains);
+    let uneven = frames.filter(|(_, log_gain)| **log_gain != 0.0);
+    uneven
+        .map(|(((input, frame), samples), log_gain)| FrameGainFile {
+            frame: *frame,
+            input: *input,
+            stamp_ns: samples.stamp.0,
+            gain: log_gain.exp(),
+        })
+        .collect()
+}

@@ -1,0 +1,138 @@
+//! A camera that is ready for pass two: surveyed, with a model and all that is made of it.
+
+use crate::config::Estimator;
+use crate::correct::MeanFrames;
+use crate::diagnostics::{Diagnostic, EstimateFact};
+use crate::error::{Error, Result};
+use crate::estimate::samples_for_model;
+use crate::messages::writer::WireFormat;
+use crate::model::ModelFile;
+use crate::parallel::Threads;
+use crate::session::survey::rig_facts;
+use crate::session::{CameraSession, FrameGains, Options, Progress};
+use crate::vehicle::Rig;
+
+use super::camera_model::{CameraModel, Rendering, removes_water, scatter_table};
+use super::camera_output::CameraOutput;
+use super::corrector::Corrector;
+use super::fit::fit_model;
+use super::model_of::{exposure, strobe_of};
+use super::output_names::{camera_name, ensure_not_corrected};
+use super::pass_one::PassOne;
+
+/// A camera that is ready for pass two.
+pub struct ReadyCamera {
+    /// log and survey
+    pub session: CameraSession,
+    /// its model
+    pub model: CameraModel,
+    means: MeanFrames,
+    rig_toml: String,
+    /// those of the model
+    diagnostics: Vec<Diagnostic>,
+}
+
+/// `--only`
+pub fn only(options: &Options) -> Result<Option<regex::Regex>> {
+    let only = options.config.output.only.as_ref().map(|o| regex::Regex::new(o)).transpose();
+    only.map_err(|e| Error::Usage(format!("--only: {e}")))
+}
+
+impl ReadyCamera {
+    /// Prepares a camera with a given model, or estimates one first.
+    ///
+    /// # Errors
+    /// Attenuation cannot be estimated, the model contradicts itself, the log has been corrected
+    /// before, or the rig cannot be written.
+    pub fn new(
+        mut session: CameraSession,
+        model: Option<ModelFile>,
+        options: &Options,
+        threads: &Threads,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let method = options.config.render.method;
+        let (mut file, means) = match model {
+            None => fit_model(&[&session], options, threads, progress)?,
+            Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
+                (file, MeanFrames::default())
+            }
+            Some(file) => expose(&session, file, options, threads, progress)?,
+        };
+        // Exposure belongs to the model, the treatment of highlights to this run.
+        file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
+        let model = CameraModel::new(&mut session, file, None)?;
+        ensure_not_corrected(&session, only(options)?.as_ref())?;
+        let missing = session.survey.missing_settings(&model.file);
+        session.survey.diagnostics.extend(missing);
+        let diagnostics = model_diagnostics(&session, &model)?;
+        let rig = rig_facts(&session.survey.rig, &options.rig);
+        let rig_toml = toml::to_string_pretty(&rig)
+            .map_err(|e| Error::WriteRecord { path: "rig.toml".into(), reason: e.to_string() })?;
+        Ok(Self { session, model, means, rig_toml, diagnostics })
+    }
+
+    /// The camera as pass two needs it.
+    pub fn output(&self, is_first: bool, wire: WireFormat) -> CameraOutput<'_> {
+        let Self { session, model, means, rig_toml, diagnostics } = self;
+        let config = &session.config.render;
+        let rendering = Rendering { config, exposure: &model.file.rendering, means };
+        CameraOutput {
+            session,
+            model,
+            corrector: Corrector::new(session, model, rendering),
+            wire,
+            rig_toml,
+            model_diagnostics: diagnostics,
+            name: if is_first { String::new() } else { camera_name(&session.survey.camera_topic) },
+        }
+    }
+}
+
+/// A model made for another method gets its exposure from this log's samples, as exposure depends
+/// on what is removed. Keypoints are not needed.
+fn expose(
+    session: &CameraSession,
+    mut file: ModelFile,
+    options: &Options,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<(ModelFile, MeanFrames)> {
+    let mut config = options.config.clone();
+    config.estimate.estimator = Estimator::Altitude;
+    let max_frames = config.estimate.max_frames;
+    let pass_one = PassOne { session, config: &config, max_frames, threads, progress };
+    let collected = pass_one.collect()?;
+    let model = file.imaging_model().map_err(Error::Usage)?;
+    let survey = &session.survey;
+    let strobe = strobe_of(&file, &survey.rig);
+    let lamps = strobe.lamps;
+    let rig = Rig { strobe, ..survey.rig.clone() };
+    let table = removes_water(config.render.method).then(|| scatter_table(&model, &rig)).flatten();
+    let gains = FrameGains::new(&file, &session.recording, None)?;
+    let log_gain = |number: usize| {
+        let frame = survey.frames.get(number);
+        frame.map_or(0.0, |frame| survey.frame_gain(&file, &gains, frame).ln())
+    };
+    let log_gains: Vec<f64> = collected.frames.iter().map(|f| log_gain(f.frame)).collect();
+    let scatter = model.backscatter.as_ref().zip(table.as_ref());
+    let frames =
+        samples_for_model(collected.frames, &log_gains, rig.body_from_optical, lamps, scatter);
+    file.rendering = exposure(&frames, &model, lamps, survey.white_level, &options.config);
+    Ok((file, collected.means))
+}
+
+/// Diagnostics of the model, marked where it was estimated from other logs.
+fn model_diagnostics(session: &CameraSession, model: &CameraModel) -> Result<Vec<Diagnostic>> {
+    let inputs = &model.file.inputs;
+    let own = session.recording.sha256()?;
+    let mut diagnostics = model.file.diagnostics.clone();
+    if inputs.iter().all(|input| input.sha256 != own) {
+        let logs: Vec<&str> = inputs.iter().map(|input| input.name.as_str()).collect();
+        diagnostics.iter_mut().for_each(|d| d.model_log = Some(logs.join(", ")));
+        let frames = model.gains_of_other_logs();
+        let unused = (frames > 0).then_some(EstimateFact::GainsOfOtherLogs { frames });
+        diagnostics.extend(unused.map(Diagnostic::from));
+    }
+    Ok(diagnostics)
+}

@@ -1,0 +1,166 @@
+//! Message → frame: pixel values and geometry. Both passes and every product build frames here and
+//! nowhere else.
+
+use super::camera::CameraSession;
+use super::index::FrameRef;
+use crate::diagnostics::Reason;
+use crate::geometry::{NoSeafloor, SeafloorPlane, Terrain, View};
+use crate::image::decode::{CameraResponse, PixelValues, read_pixels_with};
+use crate::image::noise::Noise;
+use crate::image::{EncodedImage, SensorImage};
+use crate::messages::value::Value;
+use crate::messages::{Header, Kind, header};
+use crate::recording::Message;
+use crate::units::Stamp;
+use crate::vehicle::Camera;
+
+/// An image message, its image still encoded.
+pub struct ImageMessage<'m> {
+    /// identity and times
+    pub at: FrameRef,
+    /// its header
+    pub header: Header,
+    value: Value<'m>,
+    decode: for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>,
+}
+
+/// A frame: one image of a log with its time and geometry.
+pub struct Frame<'f> {
+    /// identity and times
+    pub at: FrameRef,
+    /// its image
+    pub pixels: PixelValues<'f>,
+    /// calibration for the size of its image
+    pub camera: Camera,
+    /// seafloor below it
+    pub plane: SeafloorPlane,
+    /// heights over the plane; `None` for flat seafloor
+    pub terrain: Option<Terrain>,
+    session: &'f CameraSession,
+}
+
+/// A frame that cannot be corrected.
+pub struct UnusableFrame<'f> {
+    /// why
+    pub reason: Reason,
+    /// its image, where it can be decoded
+    pub pixels: Option<PixelValues<'f>>,
+    /// seafloor below it, where it is known
+    pub plane: Option<SeafloorPlane>,
+}
+
+impl CameraSession {
+    /// Identity and times of a frame. Its stamp includes the clock offset of the rig file.
+    pub fn frame_ref(&self, message: &Message) -> FrameRef {
+        let logged = message.log_stamp();
+        let unknown = FrameRef { id: message.id, stamp: logged, logged };
+        self.survey.frame(message.id).copied().unwrap_or(unknown)
+    }
+
+    /// Reads an image message.
+    ///
+    /// # Errors
+    /// It contradicts its schema, or is no image.
+    pub fn read<'m>(&self, message: &'m Message) -> Result<ImageMessage<'m>, Reason> {
+        let undecodable = |reason: String| Reason::Undecodable { reason };
+        let decoder = self.index.decoders.get(&message.channel);
+        let decoder = decoder.ok_or_else(|| undecodable("its channel is not read".into()))?;
+        let value = decoder.read(message.data()).map_err(undecodable)?;
+        let Kind::Image(decode) = decoder.message_type.kind else {
+            return Err(undecodable("no image".into()));
+        };
+        Ok(ImageMessage { at: self.frame_ref(message), header: header(&value), value, decode })
+    }
+
+    /// Builds a frame: decodes the image, and finds seafloor plane and terrain below it. The
+    /// buffer is reused for the pixel values.
+    ///
+    /// # Errors
+    /// The image cannot be decoded, its size contradicts the calibration, or no seafloor is known
+    /// at its time.
+    pub fn frame<'f>(
+        &'f self,
+        image: &'f ImageMessage<'_>,
+        buffer: Vec<u8>,
+    ) -> Result<Frame<'f>, Box<UnusableFrame<'f>>> {
+        let unusable = |reason, pixels, plane| Box::new(UnusableFrame { reason, pixels, plane });
+        let undecodable = |reason| unusable(Reason::Undecodable { reason }, None, None);
+        let encoded = (image.decode)(&image.value).map_err(undecodable)?;
+        let pixels = read_pixels_with(&encoded, self.response(), buffer).map_err(undecodable)?;
+        let (width, height) = (pixels.width, pixels.height);
+        let flat_field = self.survey.flat_field.as_ref();
+        if flat_field.is_some_and(|flat| flat.check_size(width, height).is_err()) {
+            return Err(unusable(Reason::WrongSize, None, None));
+        }
+        let plane = match self.seafloor(image.at.stamp) {
+            Ok(plane) => plane,
+            Err(e) => return Err(unusable(no_seafloor(&e), Some(pixels), None)),
+        };
+        let Some(camera) = self.survey.rig.camera.scaled_to(width, height) else {
+            return Err(unusable(Reason::WrongSize, Some(pixels), Some(plane)));
+        };
+        let terrain = self.survey.pings.terrain(image.at.stamp, &plane, &self.survey.rig);
+        Ok(Frame { at: image.at, pixels, camera, plane, terrain, session: self })
+    }
+
+    /// How pixel values of this camera relate to light.
+    pub fn response(&self) -> CameraResponse<'_> {
+        CameraResponse {
+            transfer: self.config.light.transfer,
+            white_level: self.survey.white_level,
+            response: self.survey.response.as_ref(),
+        }
+    }
+
+    /// The seafloor plane at a time.
+    ///
+    /// # Errors
+    /// No ping near enough, no return, or an implausible plane.
+    pub fn seafloor(&self, stamp: Stamp) -> Result<SeafloorPlane, NoSeafloor> {
+        self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor)
+    }
+
+    /// Geometry of a frame before its image is decoded: at the size of the calibration, on flat
+    /// seafloor.
+    pub fn flat_view<'v>(&'v self, plane: &'v SeafloorPlane) -> View<'v> {
+        let rig = &self.survey.rig;
+        View { camera: &rig.camera, rig, plane, terrain: None }
+    }
+}
+
+fn no_seafloor(why: &NoSeafloor) -> Reason {
+    match why {
+        NoSeafloor::NoPing { .. } => Reason::NoPing,
+        NoSeafloor::NoReturn => Reason::NoReturn,
+        NoSeafloor::Implausible => Reason::ImpossiblePlane,
+    }
+}
+
+impl Frame<'_> {
+    /// Its geometry.
+    pub fn view(&self) -> View<'_> {
+        View {
+            camera: &self.camera,
+            rig: &self.session.survey.rig,
+            plane: &self.plane,
+            terrain: self.terrain.as_ref(),
+        }
+    }
+
+    /// Its linear light, without vignetting, in a buffer that is reused.
+    ///
+    /// # Errors
+    /// The flat field has another size.
+    pub fn light(&self, buffer: Vec<f32>) -> Result<SensorImage, String> {
+        let mut image = self.pixels.to_linear(buffer);
+        let flat_field = self.session.survey.flat_field.as_ref();
+        flat_field.map_or(Ok(()), |flat| flat.divide(&mut image))?;
+        Ok(image)
+    }
+
+    /// Noise of its linear light.
+    pub fn noise(&self) -> Noise {
+        let Self { session, pixels, .. } = self;
+        Noise::of(&pixels.coding, session.response(), session.survey.electrons)
+    }
+}

@@ -1,0 +1,58 @@
+//! Gains of single frames (strobe drop-outs) by a model, for the frames of one log.
+
+use std::collections::BTreeMap;
+
+use super::index::FrameRef;
+use crate::error::Result;
+use crate::model::{FrameGainFile, ModelFile};
+use crate::recording::{FrameId, Recording};
+use crate::units::Stamp;
+
+/// Gains of the frames of one log; 1 for all others.
+#[derive(Debug, Default)]
+pub struct FrameGains {
+    by_id: BTreeMap<FrameId, f64>,
+    /// for models and logs without identities
+    by_stamp: BTreeMap<Stamp, f64>,
+    /// gains of frames of other logs
+    pub of_other_logs: usize,
+}
+
+impl FrameGains {
+    /// The gains of a model for this log. A log that was corrected keeps the stamps, not the
+    /// identities, of its source.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn new(
+        file: &ModelFile,
+        recording: &Recording,
+        source_sha256: Option<&str>,
+    ) -> Result<Self> {
+        let mut gains = Self::default();
+        if file.frame_gains.is_empty() {
+            return Ok(gains);
+        }
+        let own = recording.sha256()?;
+        for FrameGainFile { stamp_ns, gain, frame, input } in &file.frame_gains {
+            let input = file.inputs.get(*input).map(|input| input.sha256.as_str());
+            match frame {
+                Some(id) if input == Some(own) => {
+                    gains.by_id.insert(*id, *gain);
+                }
+                // Models of earlier versions have stamps alone.
+                frame if frame.is_none() || (input.is_some() && input == source_sha256) => {
+                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert(*gain);
+                }
+                _ => gains.of_other_logs += 1,
+            }
+        }
+        Ok(gains)
+    }
+
+    /// The gain of a frame.
+    pub fn of(&self, frame: &FrameRef) -> f64 {
+        let gain = self.by_id.get(&frame.id).or_else(|| self.by_stamp.get(&frame.stamp));
+        gain.copied().unwrap_or(1.0)
+    }
+}

@@ -1,0 +1,127 @@
+//! A log that has been scanned: the recording, its index, and the measurements of its sensors.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use sha2::Digest;
+
+use super::index::{ChannelIndex, LogIndex, scan};
+use super::options::Options;
+use super::readings::Readings;
+use crate::error::{Error, Result};
+use crate::messages::Kind;
+use crate::parallel::Threads;
+use crate::recording::Recording;
+use crate::vehicle::DvlFacts;
+
+/// A scanned log. Every camera of it is surveyed from the same scan.
+pub struct Log {
+    /// the file
+    pub recording: Arc<Recording>,
+    /// what it holds
+    pub index: Arc<LogIndex>,
+    /// what its sensors measured
+    pub readings: Readings,
+    /// how ranges were read
+    dvl: DvlFacts,
+}
+
+impl Log {
+    /// Opens a log and scans it.
+    ///
+    /// # Errors
+    /// It cannot be read, or holds no message.
+    pub fn open(path: &Path, options: &Options) -> Result<Self> {
+        let threads = Threads::new(options.threads);
+        Self::scan(Recording::open(path)?, options, &threads)?.with_messages(options)
+    }
+
+    /// As [`Log::open`]; the file's fingerprint is computed meanwhile.
+    ///
+    /// # Errors
+    /// As [`Log::open`].
+    pub fn open_with_sha256(path: &Path, options: &Options, threads: &Threads) -> Result<Self> {
+        let recording = Arc::new(Recording::open(path)?);
+        let (fingerprint, log) = threads.overlap(
+            || recording.sha256().map(drop),
+            || Self::scan(Arc::clone(&recording), options, threads)?.with_messages(options),
+        );
+        let log = log?;
+        fingerprint.map(|()| log)
+    }
+
+    /// Scans an open log, which may be empty.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn scan(
+        recording: impl Into<Arc<Recording>>,
+        options: &Options,
+        threads: &Threads,
+    ) -> Result<Self> {
+        let recording = recording.into();
+        let dvl = options.rig.dvl.clone();
+        let (index, readings) = scan(&recording, options.window(), &dvl, threads)?;
+        Ok(Self { recording, index: Arc::new(index), readings, dvl })
+    }
+
+    /// An error where the log has no message.
+    ///
+    /// # Errors
+    /// [`Error::Empty`].
+    pub fn with_messages(self, options: &Options) -> Result<Self> {
+        if self.index.messages > 0 {
+            return Ok(self);
+        }
+        let detail = match (&self.index.damage[..], options.window) {
+            (_, Some(_)) => " in the window of -S and -E".into(),
+            ([], _) => String::new(),
+            ([first, ..], _) => {
+                format!(" ({} places are damaged: {})", self.index.damage.len(), first.reason)
+            }
+        };
+        Err(Error::Empty { path: self.recording.path().into(), detail })
+    }
+
+    /// Whether its ranges were read by these facts; where the instrument is mounted does not
+    /// matter.
+    pub fn is_read_by(&self, dvl: &DvlFacts) -> bool {
+        let without_mount = |facts: &DvlFacts| DvlFacts { mount: None, ..facts.clone() };
+        without_mount(&self.dvl) == without_mount(dvl)
+    }
+
+    /// The topic of a channel.
+    pub fn topic(&self, channel: u16) -> String {
+        self.recording.channels.get(&channel).map(|c| c.topic.clone()).unwrap_or_default()
+    }
+
+    /// Ids of the channels of a topic that hold images; after a merge there may be several.
+    pub fn image_channels(&self, topic: &str) -> Vec<u16> {
+        let decoders = self.index.decoders.iter();
+        let ids = decoders.filter(|(_, d)| matches!(d.message_type.kind, Kind::Image(_)));
+        let is_of_topic =
+            |id: &u16| self.recording.channels.get(id).is_some_and(|c| c.topic == topic);
+        ids.map(|(id, _)| *id).filter(is_of_topic).collect()
+    }
+
+    /// These channels in the index.
+    pub fn channels<'l>(&'l self, ids: &[u16]) -> Vec<&'l ChannelIndex> {
+        ids.iter().filter_map(|id| self.index.channels.get(id)).collect()
+    }
+
+    /// Topic and type of every channel, in one line.
+    pub fn channel_list(&self) -> String {
+        let type_of = |schema_id| {
+            self.recording.schemas.get(schema_id).map_or("no schema", |s| s.name.as_str())
+        };
+        let channels = self.recording.channels.values();
+        let list: Vec<String> =
+            channels.map(|c| format!("{} ({})", c.topic, type_of(&c.schema_id))).collect();
+        if list.is_empty() { "no channels at all".into() } else { list.join(", ") }
+    }
+}
+
+/// A fingerprint in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    sha2::Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}

@@ -1,0 +1,78 @@
+//! What a run is given beside its input, and whom it reports its progress to.
+
+use crate::config::Config;
+use crate::recording::Window;
+use crate::vehicle::RigFile;
+
+/// Choices between the channels of a log.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// `--camera`
+    pub camera: Option<String>,
+    /// `--dvl`
+    pub dvl: Option<String>,
+    /// `--strobe-frame`
+    pub strobe_frame: Option<String>,
+}
+
+/// All that a run is given, beside its input.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// settings
+    pub config: Config,
+    /// rig file
+    pub rig: RigFile,
+    /// channels
+    pub selection: Selection,
+    /// segment of the log; all of it where `None`
+    pub window: Option<Window>,
+    /// number of threads; 0 for one per core
+    pub threads: usize,
+    /// overwrite the output
+    pub force: bool,
+}
+
+impl Options {
+    /// The segment that is read.
+    pub fn window(&self) -> Window {
+        self.window.unwrap_or(Window::ALL)
+    }
+
+    /// The same for one camera of several.
+    #[must_use]
+    pub fn for_camera(&self, topic: &str) -> Self {
+        let mut options = self.clone();
+        options.selection.camera = Some(topic.into());
+        options
+    }
+}
+
+/// A step of the run that takes time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// pass one: frames
+    Estimate,
+    /// pass one: pairs of frames
+    Match,
+    /// pass two: frames
+    Correct,
+}
+
+/// Receiver of the progress of a run.
+pub trait Progress {
+    /// A step of this many units begins.
+    fn begin(&self, step: Step, total: usize);
+    /// This many more units are done.
+    fn advance(&self, units: usize);
+    /// The step is over.
+    fn end(&self);
+}
+
+/// Ignores all progress.
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: Step, _: usize) {}
+    fn advance(&self, _: usize) {}
+    fn end(&self) {}
+}

@@ -1,0 +1,203 @@
+//! Log → survey: the camera, the range instrument, and where all of it is mounted. Every error
+//! names what was found, what is needed, and the key or option that supplies it.
+
+mod attitude;
+mod camera;
+mod checks;
+mod choose;
+mod clocks;
+mod facts;
+mod lights;
+mod mounts;
+mod ranges;
+
+use crate::coordinates::Transform;
+use crate::diagnostics::{CameraFact, ClockFact, Diagnostic, LogFact, RangeFact};
+use crate::error::{Error, Result};
+use crate::geometry::SeafloorEstimator;
+use crate::image::Container;
+use crate::image::flat_field::FlatField;
+use crate::image::noise::Electrons;
+use crate::image::response::ResponseTable;
+use crate::model::{LightSettingFile, ModelFile};
+use crate::recording::FrameId;
+use crate::units::Stamp;
+use crate::vehicle::{Rig, SettingSeries};
+
+use super::frame_gains::FrameGains;
+use super::index::FrameRef;
+use super::log::Log;
+use super::options::Options;
+use camera::CameraSurvey;
+pub use facts::{facts_without_ranges, rig_facts};
+use lights::strobe_mount;
+use mounts::Mounts;
+use ranges::RangeSurvey;
+
+/// One camera of a log, with all that its frames need.
+pub struct Survey {
+    /// the camera's topic
+    pub camera_topic: String,
+    /// its channel ids (a topic may have several after a merge)
+    pub camera_channels: Vec<u16>,
+    /// its frames in the order of the file, their clock offset added
+    pub frames: Vec<FrameRef>,
+    /// the frame id of its images
+    pub camera_frame: String,
+    /// file format of its images
+    pub container: Container,
+    /// pixels of an image
+    pub image_pixels: usize,
+    /// bytes of the largest image message
+    pub image_bytes: usize,
+    /// full scale of 16-bit images [DN]
+    pub white_level: Option<u16>,
+    /// the range instrument's topic
+    pub dvl_topic: String,
+    /// the attitude's topic
+    pub attitude_topic: Option<String>,
+    /// pings and attitude
+    pub pings: SeafloorEstimator,
+    /// vignetting, where the rig file has it
+    pub flat_field: Option<FlatField>,
+    /// the camera's response as a table, where the rig file has it
+    pub response: Option<ResponseTable>,
+    /// full well and read noise, where the rig file has them
+    pub electrons: Electrons,
+    /// settings of camera and strobe along the log
+    pub settings: Vec<SettingSeries>,
+    /// mounts and calibration
+    pub rig: Rig,
+    /// what was assumed or mended, and what may make the result worse
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+impl Survey {
+    /// A frame by its identity.
+    pub fn frame(&self, id: FrameId) -> Option<&FrameRef> {
+        self.frames.get(self.frame_number(id)?)
+    }
+
+    /// Number of a frame in the order of the file, counted from 0.
+    pub fn frame_number(&self, id: FrameId) -> Option<usize> {
+        self.frames.binary_search_by_key(&id, |frame| frame.id).ok()
+    }
+
+    /// The values in this log of a setting that a model names.
+    fn setting(&self, of: &LightSettingFile) -> Option<&SettingSeries> {
+        self.settings.iter().find(|series| (&series.topic, &series.name) == (&of.topic, &of.name))
+    }
+
+    /// Light of a frame over that of others: by its settings, and where pass one found it to stand
+    /// out from its neighbours.
+    pub fn frame_gain(&self, file: &ModelFile, gains: &FrameGains, frame: &FrameRef) -> f64 {
+        let log_gain = |s: &LightSettingFile| Some(s.log_gain(self.setting(s)?.at(frame.stamp)?));
+        let by_settings: f64 = file.light_settings.iter().filter_map(log_gain).sum::<f64>().exp();
+        by_settings * gains.of(frame)
+    }
+
+    /// Settings that a model compensates and this log does not have.
+    pub fn missing_settings(&self, file: &ModelFile) -> Vec<Diagnostic> {
+        let missing = file
+            .light_settings
+            .iter()
+            .filter(|s| self.setting(s).is_none_or(|series| series.values.is_empty()));
+        let fact = |s: &LightSettingFile| CameraFact::SettingMissing { setting: s.name.clone() };
+        missing.map(|s| Diagnostic::on(&s.topic, fact(s))).collect()
+    }
+}
+
+/// Surveys the camera that the options select.
+///
+/// # Errors
+/// No camera, several cameras, no ranges, no calibration, no mount.
+pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
+    let rig_file = &options.rig;
+    let mut diagnostics = Vec::new();
+    let camera = CameraSurvey::new(log, options, &mut diagnostics)?;
+    let ranges = RangeSurvey::new(log, options, &mut diagnostics)?;
+    camera.check(log, &mut diagnostics);
+    ranges.check(log, &mut diagnostics);
+    check_offsets(log, options, &mut diagnostics);
+
+    let mounts = Mounts::new(log);
+    let (body_frame, pose) = mounts.root(&camera.frame_id);
+    let body_from_optical = match &rig_file.camera.mount {
+        Some(mount) => mount.transform().map_err(Error::Rig)?,
+        None => Transform::from_isometry(pose),
+    };
+    let body_from_dvl = ranges.mount(&mounts, &body_frame, &camera, rig_file, &mut diagnostics)?;
+    let vehicle = lights::Vehicle { mounts: &mounts, body_frame: &body_frame, body_from_optical };
+    let strobe = strobe_mount(&vehicle, options, &mut diagnostics)?;
+    let clocks = clocks::Clocks { camera_offset_s: camera.clock_offset_s, rig_file };
+    let attitude = attitude::Search { log, mounts: &mounts, body_frame: &body_frame, clocks };
+    let (attitude_topic, attitude) = attitude.run(&options.config.seafloor, &mut diagnostics);
+    let pings = ranges.pings(log, &clocks, &mut diagnostics);
+    let rig = Rig { camera: camera.calibration, body_from_optical, body_from_dvl, strobe };
+    diagnostics.extend(unreadable_channels(log));
+    diagnostics.extend(camera.processed_before());
+    let mut pings = SeafloorEstimator::new(pings, attitude);
+    let stamps: Vec<Stamp> = camera.frames.iter().map(|f| f.stamp).collect();
+    let trajectory = pings.estimate_trajectory(&stamps, &rig, &options.config.seafloor);
+    diagnostics
+        .extend(trajectory.map(|residual_ratio| RangeFact::NotFlat { residual_ratio }.into()));
+    Ok(Survey {
+        camera_topic: camera.topic,
+        camera_channels: camera.channels,
+        frames: camera.frames,
+        camera_frame: camera.frame_id,
+        container: camera.container,
+        image_pixels: camera.image_pixels,
+        image_bytes: camera.image_bytes,
+        white_level: camera.white_level,
+        dvl_topic: ranges.topic,
+        attitude_topic,
+        pings,
+        flat_field: camera.flat_field,
+        response: camera.response,
+        electrons: Electrons {
+            full_well: rig_file.camera.full_well_e,
+            read_noise: rig_file.camera.read_noise_e.unwrap_or(0.0),
+        },
+        settings: settings(log),
+        rig,
+        diagnostics,
+    })
+}
+
+fn check_offsets(log: &Log, options: &Options, diagnostics: &mut Vec<Diagnostic>) {
+    let is_unknown = |t: &&String| log.recording.channels.values().all(|c| c.topic != **t);
+    let unknown = options.rig.time_offset_s.keys().filter(is_unknown);
+    diagnostics.extend(unknown.map(|t| Diagnostic::on(t, ClockFact::OffsetOfUnknownTopic)));
+}
+
+fn unreadable_channels(log: &Log) -> impl Iterator<Item = Diagnostic> {
+    log.index.channels.iter().filter_map(|(id, channel)| {
+        let (messages, reason) = channel.unreadable.clone();
+        let reason = reason?;
+        let fact = match messages {
+            0 => LogFact::SchemaUnreadable { reason },
+            _ => LogFact::MessagesUnreadable { messages, reason },
+        };
+        Some(Diagnostic::on(&log.topic(*id), fact))
+    })
+}
+
+/// Settings of camera and strobe.
+fn settings(log: &Log) -> Vec<SettingSeries> {
+    let mut found = Vec::new();
+    for (id, channel) in &log.readings.0 {
+        let mut names: Vec<&'static str> =
+            channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name)).collect();
+        names.sort_unstable();
+        names.dedup();
+        for name in names {
+            let value = |(stamp, settings): &(Stamp, Vec<(&'static str, f64)>)| {
+                Some((*stamp, settings.iter().find(|(n, _)| *n == name)?.1))
+            };
+            let values = channel.settings.iter().filter_map(value).collect();
+            found.push(SettingSeries::new(log.topic(*id), name.into(), values));
+        }
+    }
+    found
+}

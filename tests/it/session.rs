@@ -1,0 +1,260 @@
+//! One index, one frame identity: gains belong to frames, not to stamps; what is missing or cannot
+//! be written is an error.
+
+use std::path::{Path, PathBuf};
+
+use unwater::error::Error;
+use unwater::messages::Decoder;
+use unwater::model::{FrameGainFile, InputFile, ModelFile};
+use unwater::products::data_set::export;
+use unwater::products::dive::{CorrectedLog, Images};
+use unwater::recording::{Entry, FrameId, Recording, Window};
+use unwater::run::{correct, estimate_logs};
+use unwater::session::{CameraSession, FrameGains, FrameRef, Log, Options, Silent};
+use unwater::units::Stamp;
+
+use super::support::render::Dive;
+
+fn sample() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/rendered_clear.mcap")
+}
+
+fn offset(topic: &str, offset_s: f64) -> Options {
+    let mut options = Options { force: true, ..Options::default() };
+    options.rig.time_offset_s.insert(topic.into(), offset_s);
+    options
+}
+
+/// Mean gain of every frame, as `/unwater/frame` has it.
+fn mean_gains(path: &Path) -> Vec<f64> {
+    let recording = Recording::open(path).unwrap();
+    let (id, channel) =
+        recording.channels.iter().find(|(_, c)| c.topic == "/unwater/frame").unwrap();
+    let schema = &recording.schemas[&channel.schema_id];
+    let (encoding, data) = (&schema.encoding, &schema.data);
+    let decoder =
+        Decoder::by_path(&channel.message_encoding, &schema.name, encoding, data).unwrap();
+    let gain = |entry| match entry {
+        Entry::Message(m) if m.channel == *id => {
+            decoder.read(m.data()).unwrap().number("mean_gain")
+        }
+        _ => None,
+    };
+    recording.messages(Window::ALL).filter_map(gain).collect()
+}
+
+#[test]
+fn a_frame_keeps_its_gain_under_another_clock_offset() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.mcap");
+    let (mut model, _) = estimate_logs(&[&sample()], &Options::default(), &Silent).unwrap();
+    let session = CameraSession::open(&sample(), &Options::default()).unwrap();
+    let frame = session.survey.frames[3];
+    let of_frame =
+        FrameGainFile { frame: Some(frame.id), input: 0, stamp_ns: frame.stamp.0, gain: 0.5 };
+    let options = offset(&session.survey.camera_topic, 0.02);
+    correct(&sample(), &output, Some(model.clone()), &options, &Silent).unwrap();
+    let plain = mean_gains(&output);
+    model.frame_gains = vec![of_frame];
+    correct(&sample(), &output, Some(model), &options, &Silent).unwrap();
+    for (number, (with, without)) in mean_gains(&output).iter().zip(&plain).enumerate() {
+        let expected = if number == 3 { 2.0 } else { 1.0 };
+        assert!((with / without - expected).abs() < 1e-6, "frame {number}: {with} and {without}");
+    }
+}
+
+#[test]
+fn gains_belong_to_frames_of_their_log() {
+    let recording = Recording::open(&sample()).unwrap();
+    let (mut model, _) = estimate_logs(&[&sample()], &Options::default(), &Silent).unwrap();
+    let own = model.inputs[0].clone();
+    model.inputs.push(InputFile { sha256: "0".repeat(64), ..own });
+    let frame = |entry, stamp| {
+        let (stamp, id) = (Stamp(stamp), FrameId { block: 1, entry });
+        FrameRef { id, stamp, logged: stamp }
+    };
+    let gain = |f: &FrameRef, input, gain| FrameGainFile {
+        frame: Some(f.id),
+        input,
+        stamp_ns: f.stamp.0,
+        gain,
+    };
+    // Two frames of one stamp; a frame of another log with the identity of one of this.
+    let (first, second, third) = (frame(1, 5), frame(2, 5), frame(3, 9));
+    model.frame_gains = vec![gain(&first, 0, 0.5), gain(&third, 1, 0.25)];
+    let gains = FrameGains::new(&model, &recording, None).unwrap();
+    assert_eq!([first, second, third].map(|f| gains.of(&f)), [0.5, 1.0, 1.0]);
+    assert_eq!(gains.of_other_logs, 1);
+    // A corrected log has other identities than its source, and the same stamps.
+    let source = "0".repeat(64);
+    let gains = FrameGains::new(&model, &recording, Some(&source)).unwrap();
+    assert_eq!((gains.of(&frame(7, 9)), gains.of_other_logs), (0.25, 0));
+    // Identities survive the file; files of earlier versions have stamps alone.
+    let json = model.to_json().unwrap();
+    let again = ModelFile::from_json(&json).unwrap();
+    assert_eq!(again.frame_gains, model.frame_gains);
+    let mut old: serde_json::Value = serde_json::from_str(&json).unwrap();
+    for gain in old["frame_gains"].as_array_mut().unwrap() {
+        gain.as_object_mut().unwrap().retain(|key, _| key == "stamp_ns" || key == "gain");
+    }
+    let old = ModelFile::from_json(&old.to_string()).unwrap();
+    let gains = FrameGains::new(&old, &recording, None).unwrap();
+    assert_eq!([second, third].map(|f| gains.of(&f)), [0.5, 0.25]);
+}
+
+#[test]
+fn gains_of_several_logs_name_their_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let paths = [folder.path().join("a.mcap"), folder.path().join("b.mcap")];
+    for (path, half_power_frames) in paths.iter().zip([0.0, 0.05]) {
+        Dive { seed: 91, frames: 40, half_power_frames, ..Dive::default() }.write(path);
+    }
+    let logs = [paths[0].as_path(), paths[1].as_path()];
+    let (model, _) = estimate_logs(&logs, &Options::default(), &Silent).unwrap();
+    assert!(!model.frame_gains.is_empty());
+    assert!(model.frame_gains.iter().all(|g| g.input == 1), "{:?}", model.frame_gains);
+    let session = CameraSession::open(&paths[1], &Options::default()).unwrap();
+    for gain in &model.frame_gains {
+        let frame = session.survey.frame(gain.frame.unwrap()).unwrap();
+        assert_eq!(frame.stamp.0, gain.stamp_ns);
+    }
+}
+
+#[test]
+fn a_log_is_scanned_once() {
+    let log = Log::open(&sample(), &Options::default()).unwrap();
+    let scanned = log.recording.bytes_read();
+    let frames = |_| CameraSession::new(&log, &Options::default()).unwrap().survey.frames.len();
+    assert_eq!([1, 2].map(frames), [16, 16]);
+    assert_eq!(log.recording.bytes_read(), scanned);
+
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.mcap");
+    correct(&sample(), &output, None, &Options::default(), &Silent).unwrap();
+    let corrected = CorrectedLog::open(&output, &Options::default()).unwrap();
+    let scanned = corrected.scanned.recording.bytes_read();
+    for images in [Images::Raw, Images::Corrected] {
+        let bench = corrected.bench(&corrected.cameras[0], images, &Options::default()).unwrap();
+        assert_eq!(bench.session.survey.frames.len(), 16);
+    }
+    assert_eq!(corrected.scanned.recording.bytes_read(), scanned);
+}
+
+/// Exports the first camera of a log.
+fn exported(log: &CorrectedLog, folder: &Path) -> Result<usize, Error> {
+    let facts = serde_json::Map::new();
+    let written = export(log, &log.cameras[0], &facts, folder, Window::ALL, &Silent)?;
+    Ok(written.stills)
+}
+
+#[test]
+fn an_export_with_images_missing_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.mcap");
+    correct(&sample(), &output, None, &Options::default(), &Silent).unwrap();
+    let open = |path: &Path| CorrectedLog::open(path, &Options::default()).unwrap();
+    assert_eq!(exported(&open(&output), &folder.path().join("whole")).unwrap(), 16);
+
+    // Without the images, and without some of them.
+    let bytes = std::fs::read(&output).unwrap();
+    let topic = open(&output).cameras[0].topic(Images::Corrected).to_string();
+    for dropped in [16, 3] {
+        let partial = folder.path().join(format!("without_{dropped}.mcap"));
+        without(&output, &partial, &topic, dropped);
+        let error = exported(&open(&partial), &folder.path().join("partial")).unwrap_err();
+        let expected = format!("{dropped} of 16 on {topic}");
+        assert!(error.to_string().contains(&expected), "{error}");
+    }
+
+    // A chunk of images and records that is damaged.
+    let damaged = folder.path().join("damaged.mcap");
+    let mut flipped = bytes.clone();
+    let at = bytes.len() / 2;
+    flipped[at] ^= 0xff;
+    std::fs::write(&damaged, flipped).unwrap();
+    let error = exported(&open(&damaged), &folder.path().join("damaged")).unwrap_err();
+    assert!(error.to_string().contains("the log is damaged"), "{error}");
+
+    // A file that becomes unreadable after it was opened.
+    let log = open(&output);
+    let file = std::fs::OpenOptions::new().write(true).open(&output).unwrap();
+    file.set_len(bytes.len() as u64 / 3).unwrap();
+    assert!(matches!(exported(&log, &folder.path().join("short")), Err(Error::Read { .. })));
+}
+
+/// Copies a log without the last images of a topic.
+fn without(source: &Path, target: &Path, topic: &str, dropped: usize) {
+    let recording = Recording::open(source).unwrap();
+    let file = std::io::BufWriter::new(std::fs::File::create(target).unwrap());
+    let mut writer = mcap::WriteOptions::new().profile("ros2").create(file).unwrap();
+    for (id, s) in &recording.schemas {
+        writer.add_schema_with_id(*id, &s.name, &s.encoding, &s.data).unwrap();
+    }
+    for (id, c) in &recording.channels {
+        writer
+            .add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata)
+            .unwrap();
+    }
+    let is_image = |channel| recording.channels[&channel].topic == topic;
+    let mut images = 0;
+    for entry in recording.messages(Window::ALL) {
+        let Entry::Message(m) = entry else { continue };
+        images += usize::from(is_image(m.channel));
+        if is_image(m.channel) && images > 16 - dropped {
+            continue;
+        }
+        let header = mcap::records::MessageHeader {
+            channel_id: m.channel,
+            sequence: m.sequence,
+            log_time: m.log_time,
+            publish_time: m.publish_time,
+        };
+        writer.write_to_known_channel(&header, m.data()).unwrap();
+    }
+    for attachment in recording.attachments().flatten() {
+        let data = recording.attachment_data(&attachment).unwrap();
+        let attachment = mcap::Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: attachment.name,
+            media_type: String::new(),
+            data: data.into(),
+        };
+        writer.attach(&attachment).unwrap();
+    }
+    recording.metadata.iter().for_each(|m| writer.write_metadata(m).unwrap());
+    writer.finish().unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn a_rig_that_cannot_be_written_is_an_error() {
+    use std::os::unix::ffi::OsStrExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(std::ffi::OsStr::from_bytes(b"flat\xff.png"));
+    let session = CameraSession::open(&sample(), &Options::default()).unwrap();
+    let camera = session.survey.rig.camera;
+    let even = vec![255; camera.width * camera.height];
+    let shape = unwater::image::ImageShape { width: camera.width, height: camera.height, bands: 1 };
+    std::fs::write(&path, unwater::image::encode::png(&even, shape, 8).unwrap()).unwrap();
+    let mut options = Options::default();
+    options.rig.camera.flat_field = Some(path);
+    let output = folder.path().join("out.mcap");
+    let error = correct(&sample(), &output, None, &options, &Silent).unwrap_err();
+    assert!(error.to_string().contains("rig.toml"), "{error}");
+    assert!(!output.exists());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_model_that_cannot_be_written_to_stdout_is_an_error() {
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_unwater"))
+        .args(["estimate", "-q", "-o", "-"])
+        .arg(sample())
+        .stdout(full)
+        .output()
+        .unwrap();
+    assert!(!status.status.success());
+    assert!(String::from_utf8_lossy(&status.stderr).contains("cannot write stdout"));
+}
