@@ -1,11 +1,12 @@
 #![doc = include_str!("../README.md")]
 
-// The rooms in the order the data walks; ARCHITECTURE.md has the table and a test keeps it.
+// The rooms in the order the data walks; ARCHITECTURE.md has the table; a test checks it.
 pub mod coordinates;
 pub mod diagnostics;
 pub mod error;
 pub mod parallel;
 pub mod stats;
+pub mod toml_file;
 pub mod units;
 
 pub mod image;
@@ -36,4 +37,5 @@ pub mod run;
 
 pub mod products;
 
+#[cfg(feature = "cli")]
 pub mod cli;

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
-use super::paint::Paint;
+use super::color::Paint;
 use super::summary::duration;
 use crate::session::{Progress, Step};
 

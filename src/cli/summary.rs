@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
-use super::paint::Paint;
+use super::color::Paint;
 use crate::diagnostics::Severity;
 use crate::model::ModelFile;
 use crate::report::Report;

@@ -1,11 +1,22 @@
-//! Validation of rig files: implausible values are rejected with their key.
+//! Reading and validation of rig files: implausible values are rejected with their key.
 
 use super::{DvlFacts, JanusArray, MountFacts, RigFile};
+use crate::toml_file;
 
-/// Larger than any vehicle; a larger translation was probably meant in millimetres [m].
+/// Larger than any vehicle; a larger translation was probably meant in millimetres (m).
 const MAX_TRANSLATION_M: f64 = 50.0;
 
 impl RigFile {
+    /// Reads a rig file's text.
+    ///
+    /// # Errors
+    /// The key and the reason; an unknown key names the nearest known one.
+    pub fn from_toml(text: &str) -> Result<Self, String> {
+        let rig: Self = toml_file::parse(text)?;
+        rig.ensure_valid()?;
+        Ok(rig)
+    }
+
     /// Checks ranges of values and keys that exclude or require each other.
     ///
     /// # Errors
@@ -128,6 +139,18 @@ fn not_finite(facts: &toml::Value) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_unknown_key_names_its_neighbour() {
+        for (text, nearest) in [
+            ("[[strobe.lamps]]\nstrenght = 1.0", "strobe.lamps.strength"),
+            ("[strobe]\nlamp = []", "strobe.lamps"),
+            ("[dvl.mount]\ntranslation = [0.0, 0.0, 0.0]", "dvl.mount.translation_m"),
+        ] {
+            let error = RigFile::from_toml(text).expect_err(text);
+            assert!(error.contains(&format!("did you mean `{nearest}`")), "{error}");
+        }
+    }
 
     #[test]
     fn implausible_values_are_rejected_with_their_key() {

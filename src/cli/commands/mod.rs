@@ -1,0 +1,16 @@
+//! The subcommands, one file each: its arguments and the function that runs it.
+
+pub mod compare;
+pub mod completions;
+pub mod config;
+pub mod correct;
+pub mod estimate;
+pub mod export;
+pub mod init;
+pub mod inspect;
+mod inspect_text;
+pub mod layout;
+pub mod man;
+pub mod mosaic;
+pub mod report;
+mod rig_text;
