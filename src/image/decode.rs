@@ -76,22 +76,28 @@ pub fn read_pixels_with<'a>(
         EncodedImage::Raw { width, height, encoding, big_endian, step, data } => {
             ensure_size(width, height)?;
             let size = (width, height);
+            let mismatch = || {
+                let bytes = data.len();
+                format!(
+                    "{width}×{height} {encoding} with step {step} does not fit its {bytes} bytes"
+                )
+            };
             let (data, step, layout, big_endian) = if yuv::is_yuv(encoding) {
                 let rgb = yuv::to_rgb8(encoding, size, step, data);
-                let rgb = rgb.ok_or_else(|| size_mismatch(encoded))?;
+                let rgb = rgb.ok_or_else(mismatch)?;
                 (rgb.into(), 3 * width, SampleLayout::new(3, 1, false), false)
             } else if let Some((packing, layout)) = Packing::from_encoding(encoding)
                 .and_then(|p| SampleLayout::from_encoding(&p.unpacked).map(|layout| (p, layout)))
             {
                 let unpacked = packing.unpack(size, step, data);
-                (unpacked.ok_or_else(|| size_mismatch(encoded))?.into(), 2 * width, layout, false)
+                (unpacked.ok_or_else(mismatch)?.into(), 2 * width, layout, false)
             } else {
                 let layout =
                     SampleLayout::from_encoding(encoding).ok_or_else(|| unsupported(encoding))?;
                 let row = width * layout.channels * layout.bytes;
                 let needed = step.checked_mul(height - 1).and_then(|n| n.checked_add(row));
                 if step < row || needed.is_none_or(|n| n > data.len()) {
-                    return Err(size_mismatch(encoded));
+                    return Err(mismatch());
                 }
                 (data.into(), step, layout, big_endian)
             };
@@ -116,18 +122,6 @@ fn unsupported(encoding: &str) -> String {
         _ => "",
     };
     format!("the image encoding {encoding:?} is not supported{reason}")
-}
-
-fn size_mismatch(encoded: &EncodedImage<'_>) -> String {
-    match encoded {
-        EncodedImage::Raw { width, height, encoding, step, data, .. } => {
-            format!(
-                "{width}×{height} {encoding} with step {step} does not fit its {} bytes",
-                data.len()
-            )
-        }
-        _ => "the image size does not fit its data".into(),
-    }
 }
 
 fn cannot_decode(error: image::ImageError) -> String {

@@ -307,13 +307,18 @@ impl LampFacts {
         &self,
         body_from_optical: Transform<Body, Optical>,
     ) -> Result<Transform<Body, Strobe>, String> {
-        let Self { translation_m, rotation_xyzw, roll_pitch_yaw_deg, .. } = self.clone();
-        if rotation_xyzw.is_none() && roll_pitch_yaw_deg.is_none() {
+        if self.rotation_xyzw.is_none() && self.roll_pitch_yaw_deg.is_none() {
             let mut pose = body_from_optical.isometry();
-            pose.translation.vector = translation_m.into();
+            pose.translation.vector = self.translation_m.into();
             return Ok(Transform::from_isometry(pose));
         }
-        MountFacts { translation_m, rotation_xyzw, roll_pitch_yaw_deg }.transform()
+        self.facts().transform()
+    }
+
+    /// Pose as in the file.
+    pub fn facts(&self) -> MountFacts {
+        let Self { translation_m, rotation_xyzw, roll_pitch_yaw_deg, .. } = *self;
+        MountFacts { translation_m, rotation_xyzw, roll_pitch_yaw_deg }
     }
 }
 

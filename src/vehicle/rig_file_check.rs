@@ -1,6 +1,6 @@
 //! Reading and validation of rig files: implausible values are rejected with their key.
 
-use super::{DvlFacts, JanusArray, MountFacts, RigFile};
+use super::{DvlFacts, JanusArray, LampFacts, MountFacts, RigFile};
 use crate::toml_file;
 
 /// Larger than any vehicle; a larger translation was probably meant in millimetres (m).
@@ -64,13 +64,7 @@ impl RigFile {
             mount.as_ref().map_or(Ok(()), |m| ensure_plausible(&format!("{of}.mount"), m))
         })?;
         let lamps = strobe.lamps.iter().flatten();
-        lamps
-            .map(|l| MountFacts {
-                translation_m: l.translation_m,
-                rotation_xyzw: l.rotation_xyzw,
-                roll_pitch_yaw_deg: l.roll_pitch_yaw_deg,
-            })
-            .try_for_each(|mount| ensure_plausible("strobe.lamps", &mount))
+        lamps.map(LampFacts::facts).try_for_each(|mount| ensure_plausible("strobe.lamps", &mount))
     }
 }
 

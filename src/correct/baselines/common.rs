@@ -43,4 +43,13 @@ pub mod tests {
         }
         image
     }
+
+    pub fn assert_close<'v>(
+        result: impl Iterator<Item = &'v f32>,
+        expected: &[f64],
+        tolerance: f64,
+    ) {
+        let close = |(r, e): (&f32, &f64)| (f64::from(*r) - e).abs() < tolerance;
+        assert!(result.zip(expected).all(close), "expected {expected:?}");
+    }
 }

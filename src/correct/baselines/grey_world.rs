@@ -18,7 +18,7 @@ pub fn balance(image: &mut LinearImage) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::common::tests::pattern;
+    use super::super::common::tests::{assert_close, pattern};
 
     /// NumPy: `a = ((7*x + 13*y + 29*b) % 97 + 3) / 128` over 31 × 23 × 3; `a * .25 / a.mean((0,
     /// 1))` at [5, 7].
@@ -26,10 +26,6 @@ mod tests {
     fn matches_numpy() {
         let mut image = pattern(31, 23, 3);
         super::balance(&mut image);
-        for (result, expected) in image.at(7, 5).iter().zip(GREY_WORLD) {
-            assert!((f64::from(*result) - expected).abs() < 1e-6, "{result} {expected}");
-        }
+        assert_close(image.at(7, 5).iter(), &[0.0982743, 0.2400245, 0.3839579], 1e-6);
     }
-
-    const GREY_WORLD: [f64; 3] = [0.0982743, 0.2400245, 0.3839579];
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::error::Result;
-use crate::geometry::{SeafloorPlane, View};
+use crate::geometry::{SeafloorPlane, SeafloorPoint, View};
 use crate::image::LinearImage;
 use crate::products::display::downscale;
 use crate::products::dive::ImageSource;
@@ -64,14 +64,7 @@ impl Grid {
             let view = View { camera: &rig.camera, rig, plane: &frame.plane, terrain: None };
             let altitude_m = view.camera_altitude_m();
             resolutions.push(altitude_m / rig.camera.fx);
-            let at = |i: usize, n: usize| i as f64 / INTERVALS as f64 * (n - 1) as f64;
-            let nodes = (0..=INTERVALS).flat_map(|i| (0..=INTERVALS).map(move |j| (i, j)));
-            for (i, j) in nodes {
-                let Some(point) =
-                    view.seafloor_point(at(i, rig.camera.width), at(j, rig.camera.height))
-                else {
-                    continue;
-                };
+            for point in outline(&view) {
                 if point.seafloor_to_camera_m <= REACH * altitude_m {
                     let p = frame.world_from_body * nalgebra::Point3::from(point.position.vector());
                     (low, high) =
@@ -229,14 +222,7 @@ impl Projection<'_> {
     fn extent(&self, frame: &Frame<'_>) -> (Range<usize>, Range<usize>) {
         let (grid, view) = (self.grid, frame.view());
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for k in 0..=INTERVALS * INTERVALS + 2 * INTERVALS {
-            let (i, j) = (k % (INTERVALS + 1), k / (INTERVALS + 1));
-            let at = |i: usize, n: usize| i as f64 / INTERVALS as f64 * (n - 1) as f64;
-            let Some(point) =
-                view.seafloor_point(at(i, frame.camera.width), at(j, frame.camera.height))
-            else {
-                continue;
-            };
+        for point in outline(&view) {
             let p = self.placed.world_from_body * nalgebra::Point3::from(point.position.vector());
             let (x, y) = grid.pixel([p.x, p.y]);
             (low, high) = ([low[0].min(x), low[1].min(y)], [high[0].max(x), high[1].max(y)]);
@@ -248,6 +234,15 @@ impl Projection<'_> {
             clamped(low[1] - 2.0, grid.height)..clamped(high[1] + 3.0, grid.height),
         )
     }
+}
+
+/// Seafloor points of a pixel grid that spans the image.
+fn outline<'v>(view: &'v View<'_>) -> impl Iterator<Item = SeafloorPoint> + 'v {
+    let at = |i: usize, n: usize| i as f64 / INTERVALS as f64 * (n - 1) as f64;
+    let nodes = (0..=INTERVALS).flat_map(|i| (0..=INTERVALS).map(move |j| (i, j)));
+    nodes.filter_map(move |(i, j)| {
+        view.seafloor_point(at(i, view.camera.width), at(j, view.camera.height))
+    })
 }
 
 /// Largest squared tangent of the angle to the optical axis at the image's edge, with a margin of 2
