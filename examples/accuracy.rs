@@ -15,7 +15,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use goals::{drop_outs, held};
-use support::judge::{Verdict, pictures, run_and_show, shown_again, unbend};
+use support::judge::{Verdict, images, run_and_show, shown_again, unbend};
 use support::render::{Dive, Sensor, Truth};
 use support::same_point::{Ground, Shown};
 use unwater::config::{Config, Estimator, ImageFormat, Method, Spreading, Switch};
@@ -174,7 +174,7 @@ fn main() {
 /// Renders, corrects, measures; with the baselines where they are wanted.
 fn judged(dive: &Dive, options: &Options, compared: bool, folder: &Path) -> Judged {
     let (verdict, truth, corrected) = run_and_show(dive, options, folder);
-    let raw = pictures(&folder.join("dive.mcap"), &verdict.report.camera_topic);
+    let raw = images(&folder.join("dive.mcap"), &verdict.report.camera_topic);
     let ground = Ground::of(dive, &truth, &raw);
     let shown = |pictures: &[LinearImage]| ground.shown(dive, &truth, pictures);
     let mut others = Vec::new();

@@ -73,8 +73,8 @@ fn corpus(data: &Path) -> Result<(), Failed> {
     ensure(checked >= 25, format!("{checked} files"))
 }
 
-/// Every file of the corpus, written anew with its chunks as they are, is read by another reader,
-/// and says the same but for messages of channels that are declared nowhere.
+/// Every file of the corpus, rewritten with its chunks unchanged, is read by another reader,
+/// with the same content but for messages of channels that are declared nowhere.
 fn corpus_goes_through(data: &Path) -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let out = folder.path().join("out.mcap");
@@ -120,7 +120,7 @@ fn logs_below(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(logs)
 }
 
-/// Writes a log anew; how many chunks went through as they are.
+/// Rewrites a log; the number of chunks that were copied unchanged.
 fn copied(path: &Path, out: &Path) -> Result<usize, Failed> {
     let input = Recording::open(path)?;
     let (mut output, mut file) = Output::create(out, &input.profile, &OutputConfig::default())?;

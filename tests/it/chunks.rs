@@ -153,7 +153,7 @@ fn corrected(input: &Path, options: &Options) -> Vec<u8> {
 }
 
 #[test]
-fn chunks_go_through_byte_for_byte_and_in_order() {
+fn chunks_are_copied_byte_for_byte_and_in_order() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
     let chunked = || mcap::WriteOptions::new().chunk_size(Some(1 << 17));
@@ -179,7 +179,7 @@ fn chunks_go_through_byte_for_byte_and_in_order() {
 }
 
 #[test]
-fn what_is_written_anew_loses_nothing_either() {
+fn rewritten_chunks_lose_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
     let lz4 = || {
@@ -199,8 +199,8 @@ fn what_is_written_anew_loses_nothing_either() {
         assert!(kept.iter().all(|(channel, messages)| all[channel] == *messages));
         assert!(raw_chunks(&output).iter().all(|(header, _)| header.compression != "lz4"));
     }
-    // Leaving out the pictures leaves all else, in its order, also where only some chunks hold
-    // pictures.
+    // Leaving out the images leaves all else, in its order, also where only some chunks hold
+    // images.
     written(&path, lz4().chunk_size(Some(4096)), 1);
     let mut dropping = Options::default();
     dropping.config.output.drop_raw = true;
@@ -219,7 +219,7 @@ fn what_is_written_anew_loses_nothing_either() {
 }
 
 #[test]
-fn a_declaration_that_contradicts_another_does_not_come_through() {
+fn contradicting_declarations_are_dropped() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
     written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)).compression(None), 1);
@@ -241,7 +241,7 @@ fn a_declaration_that_contradicts_another_does_not_come_through() {
 }
 
 #[test]
-fn pictures_that_are_files_are_not_compressed_again_and_all_else_is() {
+fn compressed_images_are_not_compressed_again_and_other_messages_are() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
     written(
@@ -251,7 +251,7 @@ fn pictures_that_are_files_are_not_compressed_again_and_all_else_is() {
             .compression(Some(mcap::Compression::Lz4)),
         1,
     );
-    // Beside pictures this small, the seafloor's points would be most of a chunk.
+    // Beside images this small, the seafloor's points would be most of a chunk.
     let mut files = Options::default();
     (files.config.output.seafloor_points_across, files.config.output.raw_preview_side_px) = (0, 0);
     let mut raw = files.clone();
@@ -267,7 +267,7 @@ fn pictures_that_are_files_are_not_compressed_again_and_all_else_is() {
 }
 
 #[test]
-fn a_cut_reads_only_the_chunks_it_needs() {
+fn a_window_reads_only_the_chunks_it_needs() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("long.mcap");
     written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)), 20);
@@ -294,7 +294,7 @@ fn a_cut_reads_only_the_chunks_it_needs() {
 }
 
 #[test]
-fn a_log_that_becomes_shorter_while_it_is_read_is_a_sentence() {
+fn a_log_truncated_while_it_is_read_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("in.mcap");
     written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)), 2);

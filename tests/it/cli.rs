@@ -60,7 +60,7 @@ fn assert_same(topic: &str, a: &[Message], b: &[Message]) {
 }
 
 #[test]
-fn everything_of_the_input_is_in_the_output_and_threads_do_not_matter() {
+fn output_holds_the_whole_input_and_does_not_depend_on_threads() {
     let folder = tempfile::tempdir().unwrap();
     // An input with an attachment, a metadata record, an empty channel with QoS, two channels
     // alike, and an unknown encoding.
@@ -111,7 +111,7 @@ fn everything_of_the_input_is_in_the_output_and_threads_do_not_matter() {
         assert!(ours.metadata.contains_key(key), "{key}");
     }
 
-    // One corrected picture per source picture, with its times.
+    // One corrected image per source image, with its times.
     let (raw, corrected) =
         (&after["/camera/image_raw"], &after["/camera/image_corrected/compressed"]);
     assert_eq!(raw.len(), corrected.len());
@@ -190,7 +190,7 @@ fn enrich(source: &Path, target: &Path) {
 }
 
 #[test]
-fn the_input_is_never_the_output_and_nothing_is_overwritten_unasked() {
+fn the_input_is_never_overwritten_and_other_files_only_by_force() {
     let folder = tempfile::tempdir().unwrap();
     let (copy, link) = (folder.path().join("dive.mcap"), folder.path().join("link.mcap"));
     std::fs::copy(dive(), &copy).unwrap();
@@ -218,7 +218,7 @@ fn the_input_is_never_the_output_and_nothing_is_overwritten_unasked() {
 }
 
 #[test]
-fn the_default_names_the_model_and_the_cuts() {
+fn default_output_names_depend_on_model_and_window() {
     let folder = tempfile::tempdir().unwrap();
     let input = folder.path().join("dive.mcap");
     std::fs::copy(dive(), &input).unwrap();
@@ -277,7 +277,7 @@ fn the_default_names_the_model_and_the_cuts() {
 }
 
 #[test]
-fn a_log_cut_short_anywhere_gives_every_readable_frame_or_one_sentence() {
+fn a_truncated_log_gives_every_readable_frame_or_one_error() {
     let folder = tempfile::tempdir().unwrap();
     let model = folder.path().join("model.json");
     assert_eq!(
@@ -356,9 +356,9 @@ fn a_damaged_chunk_is_left_out_and_listed() {
 }
 
 #[test]
-fn frames_without_a_seafloor_pass_through_and_say_why() {
+fn frames_without_a_seafloor_are_copied_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
-    // The DVL falls silent half-way.
+    // The DVL has no returns in the second half.
     let recording = Recording::open(dive()).unwrap();
     let half = folder.path().join("half.mcap");
     let mut writer = mcap::WriteOptions::new()
@@ -407,7 +407,7 @@ fn frames_without_a_seafloor_pass_through_and_say_why() {
 
 #[cfg(unix)]
 #[test]
-fn killed_at_any_moment_nothing_stands_under_the_outputs_name() {
+fn an_interrupted_run_leaves_no_output() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out.mcap");
     for (signal, millis) in [
@@ -444,7 +444,7 @@ fn killed_at_any_moment_nothing_stands_under_the_outputs_name() {
 }
 
 #[test]
-fn what_is_missing_is_named_with_its_remedy() {
+fn missing_inputs_are_reported_with_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let messages = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/messages");
     let missing = folder.path().join("missing.mcap");
@@ -486,7 +486,7 @@ fn what_is_missing_is_named_with_its_remedy() {
 }
 
 #[test]
-fn the_rig_file_that_init_writes_gives_the_same_rig() {
+fn the_rig_file_of_init_gives_the_same_rig() {
     let folder = tempfile::tempdir().unwrap();
     let rig = folder.path().join("rig.toml");
     assert_eq!(unwater(&["init", text(dive()), "-o", text(&rig)]).status.code(), Some(0));
@@ -510,7 +510,7 @@ fn the_rig_file_that_init_writes_gives_the_same_rig() {
     {
         assert!((a.as_f64().unwrap() - b.as_f64().unwrap()).abs() < 1e-6);
     }
-    // Of a log that knows nothing, the file marks what is to be filled in.
+    // For a log without any of it, the file marks what is to be filled in.
     let bare = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/messages/image_rgb8.mcap");
     let ran = unwater(&["init", text(&bare), "-o", "-"]);
     assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
@@ -518,7 +518,7 @@ fn the_rig_file_that_init_writes_gives_the_same_rig() {
 }
 
 #[test]
-fn rectified_pictures_bring_their_own_calibration() {
+fn rectified_images_have_their_own_calibration() {
     let folder = tempfile::tempdir().unwrap();
     let (input, out) = (folder.path().join("bent.mcap"), folder.path().join("straight.mcap"));
     Dive {
@@ -537,12 +537,11 @@ fn rectified_pictures_bring_their_own_calibration() {
 }
 
 #[test]
-fn init_writes_what_is_known_of_a_log_that_lacks_the_rest_and_a_field_of_view_is_enough() {
+fn init_writes_known_values_and_a_field_of_view_completes_them() {
     let folder = tempfile::tempdir().unwrap();
     // Pictures alone: their size is known, the rest is to be filled in.
-    let pictures =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/messages/image_rgb8.mcap");
-    let ran = unwater(&["init", text(&pictures), "-o", "-"]);
+    let images = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/messages/image_rgb8.mcap");
+    let ran = unwater(&["init", text(&images), "-o", "-"]);
     let said = String::from_utf8_lossy(&ran.stdout).into_owned();
     assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
     assert!(
@@ -578,7 +577,7 @@ fn init_writes_what_is_known_of_a_log_that_lacks_the_rest_and_a_field_of_view_is
         "{said}"
     );
 
-    // A field of view alone corrects, and how well that does is said.
+    // A field of view alone is enough, and its accuracy is reported.
     let rig = folder.path().join("rig.toml");
     std::fs::write(&rig, "[camera]\nhorizontal_field_of_view_deg = 45.9\n").unwrap();
     let out = folder.path().join("out.mcap");
@@ -592,7 +591,7 @@ fn init_writes_what_is_known_of_a_log_that_lacks_the_rest_and_a_field_of_view_is
 }
 
 #[test]
-fn layouts_name_what_the_log_holds_and_only_of_corrected_logs() {
+fn layouts_list_the_topics_of_corrected_logs_only() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out.mcap");
     assert_eq!(unwater(&["correct", text(dive()), "-o", text(&out), "-q"]).status.code(), Some(0));

@@ -1,4 +1,4 @@
-//! Offsets between clocks that were put in, and how they are found, or not told.
+//! Known clock offsets: estimated, or reported as not observable.
 use std::path::Path;
 
 use crate::support::judge::assert_within;
@@ -22,7 +22,7 @@ fn look(path: &Path, moved: &[(&str, f64)]) -> (ClockOffsets, Vec<Diagnostic>) {
 }
 
 #[test]
-fn offsets_are_found_and_none_is_made_up() {
+fn clock_offsets_are_estimated_without_false_positives() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dive.mcap");
     Dive {
@@ -65,7 +65,7 @@ fn offsets_are_found_and_none_is_made_up() {
 }
 
 #[test]
-fn a_vehicle_that_holds_its_height_tells_nothing() {
+fn constant_altitude_gives_no_clock_offset() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("level.mcap");
     let dive = Dive {

@@ -1,4 +1,4 @@
-//! Logs that are odd, large or broken in one way each: what `inspect` says of them, and that they
+//! Logs that are odd, large or broken in one way each: what `inspect` reports about them, and that they
 //! are read.
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -71,7 +71,7 @@ fn many_chunks_and_many_channels() {
 }
 
 #[test]
-fn what_is_odd_is_told_and_what_is_not_is_not() {
+fn only_unusual_properties_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("odd.mcap");
     log(&path, mcap::WriteOptions::new(), 2, 3);
@@ -81,7 +81,7 @@ fn what_is_odd_is_told_and_what_is_not_is_not() {
     log(&path, mcap::WriteOptions::new().calculate_chunk_crcs(false), 2, 3);
     assert_eq!(diagnostics(&path), [LogFact::WithoutChecksum { chunks: 1, of: 1 }.into()]);
 
-    // No summary: the footer's numbers are 0, as a recorder writes that is told to be fast.
+    // No summary: the footer's numbers are 0, as a fast recorder writes them.
     log(&path, mcap::WriteOptions::new(), 2, 3);
     let mut bytes = std::fs::read(&path).unwrap();
     let footer = bytes.len() - 8 - 20;
@@ -92,7 +92,7 @@ fn what_is_odd_is_told_and_what_is_not_is_not() {
 }
 
 #[test]
-fn two_schemas_of_one_name_are_told_and_each_is_used() {
+fn two_schemas_of_one_name_are_reported_and_both_are_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clash.mcap");
     let mut writer = mcap::WriteOptions::new()
@@ -129,7 +129,7 @@ fn two_schemas_of_one_name_are_told_and_each_is_used() {
 }
 
 #[test]
-fn a_jpeg_that_was_cut_short_is_no_picture() {
+fn a_truncated_jpeg_is_an_error() {
     let recording = Recording::open(&sample("compressed_jpeg.mcap")).unwrap();
     let Some(Entry::Message(m)) = recording.messages(Window::ALL).next() else {
         panic!("a message")

@@ -1,6 +1,6 @@
 //! The docs hold what they promise: every command in them runs, every link leads somewhere, and
-//! docs/commands.md is what the program says of itself (`UNWATER_BLESS=1 cargo test --test it docs`
-//! writes it anew).
+//! docs/commands.md is the help of the program (`UNWATER_BLESS=1 cargo test --test it docs`
+//! rewrites it).
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
@@ -94,7 +94,7 @@ fn plain(path: &Path) -> PathBuf {
 }
 
 #[test]
-fn every_link_leads_somewhere() {
+fn every_link_resolves() {
     let mut wrong = Vec::new();
     for page in pages() {
         let (prose, _) = parts(&text_of(&page));
@@ -168,7 +168,7 @@ fn commands_page() -> String {
 }
 
 #[test]
-fn commands_are_described_as_they_are() {
+fn commands_page_matches_the_help() {
     let path = Path::new(ROOT).join("docs/commands.md");
     let is = commands_page();
     if std::env::var_os("UNWATER_BLESS").is_some() {

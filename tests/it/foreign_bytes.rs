@@ -46,8 +46,8 @@ fn seeds(target: &str) -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_parser_takes_its_seeds_whole_and_damaged() {
-    with_bounded_memory("foreign_bytes::every_parser_takes_its_seeds_whole_and_damaged", || {
+fn every_parser_reads_its_seeds_intact_and_damaged() {
+    with_bounded_memory("foreign_bytes::every_parser_reads_its_seeds_intact_and_damaged", || {
         for (target, parser) in TARGETS {
             let mut dice = Dice(0x0dd_ba11);
             let seeds = seeds(target);
@@ -79,7 +79,7 @@ fn every_parser_takes_its_seeds_whole_and_damaged() {
 }
 
 #[test]
-fn every_fuzz_target_is_a_parser_here_and_the_other_way_round() {
+fn fuzz_targets_and_parsers_correspond() {
     let manifest = std::fs::read_to_string(Path::new(ROOT).join("fuzz/Cargo.toml")).unwrap();
     let there: BTreeSet<&str> = manifest
         .lines()
@@ -88,9 +88,9 @@ fn every_fuzz_target_is_a_parser_here_and_the_other_way_round() {
     assert_eq!(there, TARGETS.iter().map(|(name, _)| *name).collect());
 }
 
-/// Writes the seeds anew from the sample logs where UNWATER_BLESS is set; what was found stays.
+/// Rewrites the seeds from the sample logs where UNWATER_BLESS is set; what was found stays.
 #[test]
-fn seeds_are_made_of_the_sample_logs() {
+fn seeds_are_written_from_the_sample_logs() {
     if std::env::var_os("UNWATER_BLESS").is_none() {
         return;
     }

@@ -1,5 +1,5 @@
 //! The judge's own instruments: colour differences against published pairs, and points of the
-//! ground against the renderer.
+//! seafloor against the renderer.
 use crate::support::colour::{delta_e, lab};
 use crate::support::judge::assert_within;
 use crate::support::render::Dive;
@@ -9,7 +9,7 @@ use unwater::image::LinearImage;
 /// Pairs of table 1 of Sharma, Wu & Dalal 2005: those about hue's seam, its mean and its rotation
 /// term.
 #[test]
-fn colour_differences_are_those_of_the_published_pairs() {
+fn colour_differences_match_published_pairs() {
     let pairs = [
         ([50.0, 2.6772, -79.7751], [50.0, 0.0, -82.7485], 2.0425),
         ([50.0, -1.3802, -84.2814], [50.0, 0.0, -82.7485], 1.0000),
@@ -24,17 +24,17 @@ fn colour_differences_are_those_of_the_published_pairs() {
         ([22.7233, 20.0904, -46.694], [23.0331, 14.973, -42.5619], 2.0373),
         ([2.0776, 0.0795, -1.135], [0.9033, -0.0636, -0.5514], 0.9082),
     ];
-    for (one, other, ought) in pairs {
+    for (one, other, expected) in pairs {
         assert!(
-            (delta_e(one, other) - ought).abs() < 1e-4,
-            "{one:?} {other:?}: {} for {ought}",
+            (delta_e(one, other) - expected).abs() < 1e-4,
+            "{one:?} {other:?}: {} for {expected}",
             delta_e(one, other)
         );
-        assert!((delta_e(other, one) - ought).abs() < 1e-4, "it is the same both ways");
+        assert!((delta_e(other, one) - expected).abs() < 1e-4, "it is the same both ways");
     }
     // scikit-image: rgb2lab of linear 0.2, 0.4, 0.1 (xyz2lab, D65).
-    for (is, ought) in lab([0.2, 0.4, 0.1]).iter().zip(LAB) {
-        assert!((is - ought).abs() < 2e-3, "{is} {ought}");
+    for (is, expected) in lab([0.2, 0.4, 0.1]).iter().zip(LAB) {
+        assert!((is - expected).abs() < 2e-3, "{is} {expected}");
     }
 }
 
@@ -43,11 +43,11 @@ const LAB: [f64; 3] = [64.62885, -29.95136, 36.51406];
 /// The true reflectance at one point is the same in all frames; a shift of a few pixels would be
 /// seen.
 #[test]
-fn one_point_of_the_ground_is_found_in_all_frames() {
+fn one_seafloor_point_is_found_in_all_frames() {
     let dive = Dive { seed: 5, frames: 10, slope_deg: (6.0, -4.0), ..Dive::default() };
     let folder = tempfile::tempdir().unwrap();
     let truth = dive.write(&folder.path().join("dive.mcap"));
-    let picture = |shift: usize| -> Vec<LinearImage> {
+    let image = |shift: usize| -> Vec<LinearImage> {
         let of = |(k, f): (usize, &crate::support::render::FrameTruth)| {
             let mut image = LinearImage::new(dive.width, dive.height, 3);
             let pixels = dive.width * dive.height;
@@ -59,10 +59,10 @@ fn one_point_of_the_ground_is_found_in_all_frames() {
         };
         truth.frames.iter().enumerate().map(of).collect()
     };
-    let right = picture(0);
+    let right = image(0);
     let ground = Ground::of(&dive, &truth, &right);
     let (of_truth, aside) =
-        (ground.shown(&dive, &truth, &right), ground.shown(&dive, &truth, &picture(3)));
+        (ground.shown(&dive, &truth, &right), ground.shown(&dive, &truth, &image(3)));
     for scatter in &of_truth.scatter {
         assert_within("true reflectance at one point: scatter", *scatter, 0.00105);
     }

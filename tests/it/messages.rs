@@ -1,5 +1,5 @@
 //! Every message type, from logs that an independent writer made (`sample_logs/messages/make.py`),
-//! against what that writer says is in them (`expected.json`).
+//! against what that writer put into them (`expected.json`).
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -67,14 +67,14 @@ fn floats(json: &Json) -> Vec<f64> {
         .unwrap_or_default()
 }
 
-fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expected: &Json) {
+fn check_image(file: &str, image: &unwater::image::EncodedImage<'_>, expected: &Json) {
     // PixelValues as they are first: the transfer curve is undone by `auto` below.
     let codes =
-        decode(picture, CameraResponse { transfer: Transfer::Linear, ..CameraResponse::default() })
+        decode(image, CameraResponse { transfer: Transfer::Linear, ..CameraResponse::default() })
             .expect(file);
     let white = white_level(codes.coding.bits_used);
     let codes = decode(
-        picture,
+        image,
         CameraResponse {
             transfer: Transfer::Linear,
             white_level: Some(white),
@@ -82,7 +82,7 @@ fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expecte
         },
     )
     .expect(file);
-    let automatic = decode(picture, CameraResponse::default()).expect(file);
+    let automatic = decode(image, CameraResponse::default()).expect(file);
     assert_eq!(
         automatic.coding.transfer == Transfer::Linear,
         expected["linear"].as_bool().expect("linear"),
@@ -103,7 +103,7 @@ fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expecte
         ),
         "{file}: size"
     );
-    // Full scale is told from the bits in use; a dozen tiny gradients may not reach the top one.
+    // Full scale is estimated from the bits in use; a dozen tiny gradients may not reach the top one.
     let scale = if codes.coding.bits == 16 {
         f64::from(white) / expected["full_scale"].as_f64().unwrap()
     } else {
@@ -124,7 +124,7 @@ fn check_picture(file: &str, picture: &unwater::image::EncodedImage<'_>, expecte
 }
 
 #[test]
-fn every_message_type_reads_as_its_writer_meant_it() {
+fn every_message_type_decodes_to_the_expected_values() {
     let expected: Json = serde_json::from_str(
         &std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap(),
     )
@@ -187,7 +187,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                         );
                     }
                 }
-                Kind::Image(read) => check_picture(file, &read(&value).expect(file), truth),
+                Kind::Image(read) => check_image(file, &read(&value).expect(file), truth),
                 Kind::CameraInfo(read) => match read(&value).expect(file) {
                     None => assert!(truth.is_null(), "{file}"),
                     Some(calibration) => {
@@ -251,13 +251,13 @@ fn every_message_type_reads_as_its_writer_meant_it() {
                 Kind::Radiometry(read) => {
                     let found: BTreeMap<&str, f64> =
                         read(&value).expect(file).into_iter().collect();
-                    let ought: BTreeMap<&str, f64> = truth
+                    let expected: BTreeMap<&str, f64> = truth
                         .as_object()
                         .unwrap()
                         .iter()
                         .map(|(k, v)| (k.as_str(), v.as_f64().unwrap()))
                         .collect();
-                    assert_eq!(found, ought, "{file}");
+                    assert_eq!(found, expected, "{file}");
                 }
                 Kind::Ping(_, read) => {
                     check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth)
@@ -271,7 +271,7 @@ fn every_message_type_reads_as_its_writer_meant_it() {
     ensure_page_is_current(&logs);
 }
 
-/// `docs/messages.md` is the table of types and of their logs; UNWATER_BLESS=1 writes it anew.
+/// `docs/messages.md` is the table of types and of their logs; UNWATER_BLESS=1 rewrites it.
 fn ensure_page_is_current(logs: &BTreeMap<&str, Vec<&str>>) {
     let mut page = String::from(
         "# Messages that are read\n\nMade from `src/messages/table.rs` and `sample_logs/messages` \
@@ -362,7 +362,7 @@ fn check_ping(
 }
 
 #[test]
-fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
+fn a_truncated_message_is_an_error_and_never_a_panic() {
     let expected: Json = serde_json::from_str(
         &std::fs::read_to_string(Path::new(FOLDER).join("expected.json")).unwrap(),
     )
@@ -387,9 +387,9 @@ fn a_message_cut_anywhere_is_an_error_and_never_a_panic() {
             turned[at] ^= 0xff;
             if let Ok(value) = decoder.read(&turned)
                 && let Kind::Image(read) = decoder.message_type.kind
-                && let Ok(picture) = read(&value)
+                && let Ok(image) = read(&value)
             {
-                let _whatever = decode(&picture, CameraResponse::default());
+                let _whatever = decode(&image, CameraResponse::default());
             }
             turned[at] ^= 0xff;
         }

@@ -56,7 +56,7 @@ fn page_holds_every_number_and_no_outside_reference() -> Result<(), Failed> {
     ensure(!made.path("never.html").exists(), "something stands under the page's name")
 }
 
-/// What a log says of itself stays text: names with markup in them do nothing.
+/// Names from a log are escaped: markup in them has no effect.
 #[test]
 fn names_in_pages_are_escaped() -> Result<(), Failed> {
     let made = CorrectedDive::get();
@@ -75,7 +75,7 @@ fn names_in_pages_are_escaped() -> Result<(), Failed> {
     )
 }
 
-/// The sheet is a picture of the right shape; frames that are not there are refused in words.
+/// The sheet is an image of the right shape; frames that do not exist are an error.
 #[test]
 fn sheet_shows_a_frame_by_every_method() -> Result<(), Failed> {
     let made = CorrectedDive::get();
@@ -93,10 +93,10 @@ fn sheet_shows_a_frame_by_every_method() -> Result<(), Failed> {
         text(&sheet),
         "-q",
     ])?;
-    let picture = image::open(&sheet)?;
+    let image = image::open(&sheet)?;
     ensure(
-        picture.width() > 1500 && picture.height() > 1200,
-        format!("{}×{}", picture.width(), picture.height()),
+        image.width() > 1500 && image.height() > 1200,
+        format!("{}×{}", image.width(), image.height()),
     )?;
     let time = (made.truth.frames[9].stamp_ns + 40_000_000).to_string();
     let same = made.path("same.png");
@@ -115,7 +115,7 @@ fn sheet_shows_a_frame_by_every_method() -> Result<(), Failed> {
     ])?;
     ensure(
         std::fs::read(&sheet)? == std::fs::read(&same)?,
-        "frame 9 by its time is another picture",
+        "frame 9 by its time is another image",
     )?;
     let none = unwater(&[
         "compare",
@@ -136,7 +136,7 @@ fn laid(made: &CorrectedDive, asked: &MosaicOptions) -> Result<Mosaic, Failed> {
     Ok(mosaic(&CorrectedLog::open(&made.path("out.mcap"), &options)?, asked, &options)?)
 }
 
-/// Poses by DVL and attitude against the truth, and pixels of the strip against the floor's
+/// Poses by DVL and attitude against the truth, and pixels of the strip against the seafloor's
 /// reflectance at known points.
 #[test]
 fn mosaic_agrees_with_the_true_positions() -> Result<(), Failed> {
@@ -211,8 +211,7 @@ fn mosaic_agrees_with_the_true_positions() -> Result<(), Failed> {
     Ok(())
 }
 
-/// Without attitude and velocity, shared points alone must lay the frames out as long as the way
-/// was.
+/// Without attitude and velocity, shared points alone must place the frames as far apart as they were.
 #[test]
 fn mosaic_without_attitude_and_velocity_is_registered_by_keypoints() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
@@ -251,8 +250,8 @@ fn mosaic_without_attitude_and_velocity_is_registered_by_keypoints() -> Result<(
             - pair[0].world_from_body.translation.vector)
             .xy()
             .norm();
-        let ought = (b - a).xy().norm();
-        assert_within("mosaic by keypoints: step [m]", step - ought, 0.0143);
+        let expected = (b - a).xy().norm();
+        assert_within("mosaic by keypoints: step [m]", step - expected, 0.0143);
     }
     Ok(())
 }
@@ -373,10 +372,10 @@ fn geotiff_tags_lead_to_the_right_pixel() -> Result<(), Failed> {
         .hypot((shown[1].1 - shown[0].1) * f64_at(scale + 8))
         * M_PER_DEG;
     let (a, b) = (made.truth.frames[0].position, made.truth.frames[21].position);
-    let ought = (b[0] - a[0]).hypot(b[1] - a[1]);
-    assert_within("GeoTIFF: length, relative", metres / ought - 1.0, 1e-5);
-    // A map north up: the same strip laid out by a program that knows degrees alone shows the same
-    // floor at the same place.
+    let expected = (b[0] - a[0]).hypot(b[1] - a[1]);
+    assert_within("GeoTIFF: length, relative", metres / expected - 1.0, 1e-5);
+    // A map north up: the same strip laid out by a program that uses degrees only shows the
+    // same seafloor at the same position.
     let options = Options::default();
     let mosaic = mosaic(
         &CorrectedLog::open(&log, &options)?,
@@ -423,9 +422,9 @@ fn exported_data_set_is_complete() -> Result<(), Failed> {
         .channels
         .iter()
         .find(|(_, c)| c.topic == "/camera/image_corrected/compressed")
-        .ok_or("no pictures")?
+        .ok_or("no images")?
         .0;
-    let pictures: Vec<Vec<u8>> = recording
+    let images: Vec<Vec<u8>> = recording
         .messages(Window::ALL)
         .filter_map(|entry| {
             if let Entry::Message(m) = entry {
@@ -439,13 +438,13 @@ fn exported_data_set_is_complete() -> Result<(), Failed> {
     let rows: Vec<Vec<&str>> =
         table.lines().skip(1).map(|line| line.split(',').collect()).collect();
     ensure(
-        rows.len() == 22 && pictures.len() == 22,
-        format!("{} rows, {} pictures", rows.len(), pictures.len()),
+        rows.len() == 22 && images.len() == 22,
+        format!("{} rows, {} images", rows.len(), images.len()),
     )?;
-    for ((row, picture), frame) in rows.iter().zip(&pictures).zip(&made.truth.frames) {
+    for ((row, image), frame) in rows.iter().zip(&images).zip(&made.truth.frames) {
         let still = std::fs::read(folder.join("images").join(row[0]))?;
         ensure(
-            picture.windows(still.len()).any(|w| w == still),
+            image.windows(still.len()).any(|w| w == still),
             format!("{} is not the log's", row[0]),
         )?;
         let item = &items[row[0]];

@@ -65,7 +65,7 @@ impl CorrectedDive {
     }
 }
 
-/// Outputs that lack things: each figure that cannot be made says why.
+/// Outputs that lack data: each figure that cannot be drawn gives the reason.
 pub fn pages_of_poorer_logs() -> Result<Vec<(PathBuf, tempfile::TempDir)>, Failed> {
     let mut pages = Vec::new();
     let mono = Dive {

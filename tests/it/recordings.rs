@@ -66,18 +66,18 @@ fn the_same_dive_in_every_encoding_gives_the_same_model() {
             .collect::<Vec<_>>()
     };
     let truth = model(&cdr);
-    let pictures = corrected(&cdr);
-    assert_eq!(pictures.len(), 14);
+    let images = corrected(&cdr);
+    assert_eq!(images.len(), 14);
     for encoding in [Encoding::Ros1, Encoding::Protobuf, Encoding::Json] {
         let path = folder.path().join(format!("{encoding:?}.mcap"));
         transcode(&cdr, &path, encoding);
         assert!(model(&path) == truth, "{encoding:?}: another model");
-        assert!(corrected(&path) == pictures, "{encoding:?}: other pictures");
+        assert!(corrected(&path) == images, "{encoding:?}: other images");
     }
 }
 
 #[test]
-fn video_is_refused_with_the_remedy() {
+fn video_is_rejected_with_a_remedy() {
     for log in ["foxglove_compressed_video", "ffmpeg_packet"] {
         let path = Path::new(SAMPLES).join(format!("{log}.mcap"));
         let error =
@@ -90,7 +90,7 @@ fn video_is_refused_with_the_remedy() {
 }
 
 #[test]
-fn the_rig_file_wins_over_the_poses_of_beams() {
+fn the_rig_file_overrides_the_poses_of_beams() {
     let recording = Recording::open(&Path::new(SAMPLES).join("dvl_uuv_simulator.mcap")).unwrap();
     let of_rig = DvlFacts { beams: Some("nortek-25".into()), ..DvlFacts::default() };
     for (facts, janus_deg) in [(DvlFacts::default(), 22.5f64), (of_rig, 25.0)] {
@@ -106,7 +106,7 @@ fn the_rig_file_wins_over_the_poses_of_beams() {
 }
 
 #[test]
-fn a_topics_offset_moves_its_pings_and_frames() {
+fn a_time_offset_shifts_pings_and_frames() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dive.mcap");
     Dive { frames: 3, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&path);
@@ -127,7 +127,7 @@ fn a_topics_offset_moves_its_pings_and_frames() {
 }
 
 #[test]
-fn a_calibration_in_air_is_refracted_and_survives_its_own_rig_file() {
+fn a_calibration_in_air_is_refracted_and_kept_by_its_rig_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("dive.mcap");
     Dive { frames: 3, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&path);
@@ -155,7 +155,7 @@ fn a_calibration_in_air_is_refracted_and_survives_its_own_rig_file() {
 const IMAGE: &str = "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 \
                      is_bigendian\nuint32 step\nuint8[] data\n";
 
-/// Adds a depth picture before each frame of a dive: a floor so far from the camera [m], square to
+/// Adds a depth image before each frame of a dive: a seafloor so far from the camera [m], square to
 /// its axis.
 fn add_depth(source: &Path, target: &Path, depth_m: f64) {
     let recording = Recording::open(source).unwrap();
@@ -215,7 +215,7 @@ fn recording_start(recording: &Recording, channel: u16) -> u64 {
 }
 
 #[test]
-fn depth_pictures_are_ranges_like_any_other() {
+fn depth_images_are_used_as_ranges() {
     let folder = tempfile::tempdir().unwrap();
     let (plain, path) = (folder.path().join("dive.mcap"), folder.path().join("depth.mcap"));
     Dive { frames: 1, width: 96, height: 72, focal_px: 110.0, ..Dive::default() }.write(&plain);
@@ -226,7 +226,7 @@ fn depth_pictures_are_ranges_like_any_other() {
         Selection { dvl: Some("/camera/depth/image_rect".into()), ..Selection::default() };
     let survey =
         CameraSession::open(&path, &Options { selection, ..Options::default() }).unwrap().survey;
-    // One frame: the vehicle sways between frames, and this floor would sway with it.
+    // One frame: the vehicle sways between frames, and this seafloor would sway with it.
     for frame in &survey.frames {
         let plane =
             survey.pings.seafloor(frame.stamp, &survey.rig, &Config::default().seafloor).unwrap();
@@ -255,8 +255,8 @@ fn samples() -> Vec<PathBuf> {
 }
 
 #[test]
-fn damaged_messages_and_schemas_are_sentences_and_never_panics() {
-    let name = "recordings::damaged_messages_and_schemas_are_sentences_and_never_panics";
+fn damaged_messages_and_schemas_are_errors_and_never_panics() {
+    let name = "recordings::damaged_messages_and_schemas_are_errors_and_never_panics";
     with_bounded_memory(name, damage_messages_and_schemas);
 }
 
@@ -302,8 +302,8 @@ fn damage_messages_and_schemas() {
 }
 
 #[test]
-fn damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false() {
-    let name = "recordings::damaged_logs_are_read_as_far_as_they_go_and_deliver_nothing_false";
+fn damaged_logs_are_read_as_far_as_possible_without_false_messages() {
+    let name = "recordings::damaged_logs_are_read_as_far_as_possible_without_false_messages";
     with_bounded_memory(name, damage_logs);
 }
 

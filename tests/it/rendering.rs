@@ -2,7 +2,7 @@
 //! is marked and counted.
 use std::path::Path;
 
-use crate::support::judge::{assert_within, pictures, run_and_show, shown_again, unbend};
+use crate::support::judge::{assert_within, images, run_and_show, shown_again, unbend};
 use crate::support::render::Dive;
 use unwater::config::ImageFormat;
 use unwater::image::LinearImage;
@@ -13,10 +13,10 @@ fn dive() -> Dive {
     Dive { seed: 161, frames: 14, ..Dive::default() }
 }
 
-/// Much of the picture above the shoulder: 16 bits stay proportional, 8 bits lead back to the same
+/// Much of the image above the shoulder: 16 bits stay proportional, 8 bits convert to the same
 /// light.
 #[test]
-fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
+fn pixel_values_convert_to_reflectance_also_above_the_shoulder() {
     let folder = tempfile::tempdir().unwrap();
     let mut options = Options::default();
     (options.config.render.highlight_quantile, options.config.render.highlight_level) = (0.9, 0.95);
@@ -29,24 +29,24 @@ fn codes_lead_back_to_reflectance_also_above_the_shoulder() {
     let bent = shown_again(&verdict.model, &eight, folder.path());
     let mut light = bent.clone();
     unbend(&mut light, 0.75);
-    let above = |pictures: &[LinearImage], from: f32| {
-        pictures.iter().flat_map(|p| &p.pixels).filter(|v| **v > from).count()
+    let above = |images: &[LinearImage], from: f32| {
+        images.iter().flat_map(|p| &p.pixels).filter(|v| **v > from).count()
     };
     assert!(
         above(&bent, 0.76) > 20_000 && above(&bent, 0.999) < above(&deep, 0.999) / 5,
         "highlights are bent, not cut"
     );
     let (mut worst, mut moved) = (0f32, 0f32);
-    for (is, shown, ought) in light
+    for (is, shown, expected) in light
         .iter()
         .zip(&bent)
         .zip(&deep)
         .flat_map(|((l, b), d)| l.pixels.iter().zip(&b.pixels).zip(&d.pixels))
         .map(|((l, b), d)| (l, b, d))
     {
-        if (0.1..0.99).contains(ought) {
-            worst = worst.max((is / ought - 1.0).abs());
-            moved = moved.max((shown / ought - 1.0).abs());
+        if (0.1..0.99).contains(expected) {
+            worst = worst.max((is / expected - 1.0).abs());
+            moved = moved.max((shown / expected - 1.0).abs());
         }
     }
     assert_within("highlights decoded: pixel, relative", f64::from(worst), 0.0178);
@@ -84,11 +84,11 @@ fn mask_of(folder: &Path, options: &Options) -> (unwater::report::Report, Vec<Li
     let options = Options { force: true, ..options.clone() };
     let output = folder.join("masked.mcap");
     let (report, _) = correct(&folder.join("dive.mcap"), &output, None, &options, &Silent).unwrap();
-    (report, pictures(&output, "/unwater/mask/compressed"))
+    (report, images(&output, "/unwater/mask/compressed"))
 }
 
 #[test]
-fn the_mask_says_what_the_account_says() {
+fn mask_and_report_agree() {
     let folder = tempfile::tempdir().unwrap();
     dive().write(&folder.path().join("dive.mcap"));
     let mut options = Options::default();
@@ -131,7 +131,7 @@ fn the_mask_says_what_the_account_says() {
 /// Fewer electrons, more noise: what is too near to it is counted, also without anyone's data
 /// sheet.
 #[test]
-fn light_near_its_noise_is_counted() {
+fn pixels_close_to_the_noise_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     dive().write(&folder.path().join("dive.mcap"));
     let low = |rig: &str| {

@@ -18,7 +18,7 @@ use unwater::session::{CameraSession, Options, Selection, Silent};
 const TWO: &str = "camera_two_optical_frame";
 
 /// The same dive with a second camera at the first one's place, turned by half a circle about its
-/// axis: the same pictures upside down, under other names, with a mount of their own.
+/// axis: the same images upside down, under other names, with a mount of their own.
 fn add_turned_camera(source: &Path, target: &Path, with_mount: bool) {
     let recording = Recording::open(source).unwrap();
     let id_of = |topic: &str| {
@@ -55,7 +55,7 @@ fn add_turned_camera(source: &Path, target: &Path, with_mount: bool) {
             .unwrap()
             .unwrap()
     };
-    let pictures = decoder(image);
+    let images = decoder(image);
     for entry in recording.messages(Window::ALL) {
         let Entry::Message(m) = entry else { continue };
         let mut header = mcap::records::MessageHeader {
@@ -67,7 +67,7 @@ fn add_turned_camera(source: &Path, target: &Path, with_mount: bool) {
         writer.write_to_known_channel(&header, m.data()).unwrap();
         let new = || Writer::new(WireFormat::Cdr);
         if m.channel == image {
-            let value = pictures.read(m.data()).unwrap();
+            let value = images.read(m.data()).unwrap();
             let number = |path: &str| value.integer(path).unwrap();
             let pixels: Vec<u8> =
                 value.bytes("data").unwrap().chunks_exact(3).rev().flatten().copied().collect();
@@ -120,7 +120,7 @@ fn same(a: &[Message], b: &[Message]) -> bool {
 
 /// The report of such a log tells of both, with names of its own for all that has one.
 #[test]
-fn the_page_tells_of_both_cameras() {
+fn the_page_shows_both_cameras() {
     let folder = tempfile::tempdir().unwrap();
     let (plain, path, out) = (
         folder.path().join("dive.mcap"),
@@ -151,7 +151,7 @@ fn the_page_tells_of_both_cameras() {
 }
 
 #[test]
-fn each_camera_is_corrected_as_if_it_were_alone() {
+fn each_camera_is_corrected_as_if_alone() {
     let folder = tempfile::tempdir().unwrap();
     let (plain, path, out) = (
         folder.path().join("dive.mcap"),
@@ -194,7 +194,7 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
         assert_eq!(of_alone.to_json().unwrap(), model.to_json().unwrap());
         let corrected = topic.replace("image_raw", "image_corrected/compressed");
         let alone = by_topic(&alone);
-        assert!(same(&all[&corrected], &alone[&corrected]), "{topic}: other pictures than alone");
+        assert!(same(&all[&corrected], &alone[&corrected]), "{topic}: other images than alone");
         let place = if topic.starts_with("/two") { "/unwater/two" } else { "/unwater" };
         for name in ["attenuation", "seafloor", "frame", "beam_pattern", "log"] {
             assert!(
@@ -203,7 +203,7 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
             );
         }
     }
-    // Upside down, the light of the second camera's pictures is the first one's: so is what is made
+    // Upside down, the second camera's images hold the same light as the first one's, so the models
     // of it.
     let (a, b) = (&done[0].1.attenuation_per_m, &done[1].1.attenuation_per_m);
     for (a, b) in a.iter().zip(b) {
@@ -256,7 +256,7 @@ fn each_camera_is_corrected_as_if_it_were_alone() {
 }
 
 #[test]
-fn a_camera_that_cannot_be_corrected_is_left_and_listed() {
+fn a_camera_that_cannot_be_corrected_is_copied_and_listed() {
     let folder = tempfile::tempdir().unwrap();
     let (plain, path, out) = (
         folder.path().join("dive.mcap"),

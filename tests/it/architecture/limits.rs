@@ -9,10 +9,10 @@ const LINES_OF_FUNCTION: usize = 60;
 const ARGUMENTS: usize = 5;
 
 /// How many exceptions there still are. These numbers may only become smaller.
-const LONG_FILES: usize = 4;
-const LONG_FUNCTIONS: usize = 32;
-const LONG_SIGNATURES: usize = 20;
-const WIDE_LINES: usize = 75;
+const LONG_FILES: usize = 2;
+const LONG_FUNCTIONS: usize = 25;
+const LONG_SIGNATURES: usize = 18;
+const WIDE_LINES: usize = 61;
 
 /// A function with the number of its lines of code and of its arguments, as clippy counts them.
 struct Function {
@@ -116,8 +116,10 @@ fn functions_are_short_and_take_few_arguments() {
 
 #[test]
 fn functions_are_counted_as_they_are() {
-    let text = "impl A {\n    pub fn a<F: Fn(&B, C) -> D>(&mut self, f: F, (g, h): (I, J)) \
-                -> [K; 2] {\n        // a comment\n\n        l\n    }\n}\nfn b(\n    m: N,\n) {\n}\n";
+    let text = concat!(
+        "impl A {\n    pub fn a<F: Fn(&B, C) -> D>(&mut self, f: F, (g, h): (I, J)) -> [K; 2] {\n",
+        "        // a comment\n\n        l\n    }\n}\nfn b(\n    m: N,\n) {\n}\n"
+    );
     let source = Source { path: String::new(), module: Vec::new(), text: text.into() };
     let counted: Vec<_> =
         functions(&source).into_iter().map(|f| (f.name, f.lines, f.arguments)).collect();

@@ -48,7 +48,7 @@ pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
     (verdict, truth)
 }
 
-/// The same, and the corrected pictures.
+/// The same, and the corrected images.
 pub fn run_and_show(
     dive: &Dive,
     options: &Options,
@@ -61,24 +61,24 @@ pub fn run_and_show(
     options.config.render.depth = 16;
     let (report, model) =
         correct(&input, &output, None, &options, &Silent).expect("a corrected log");
-    let pictures = pictures(&output, &report.corrected_topic);
-    (verdict(&truth, dive, &pictures, model, report), truth, pictures)
+    let images = images(&output, &report.corrected_topic);
+    (verdict(&truth, dive, &images, model, report), truth, images)
 }
 
-/// Pass two alone over the dive that `run` left in the folder: its pictures by another method or in
+/// Pass two alone over the dive that `run` left in the folder: its images by another method or in
 /// other codes.
 pub fn shown_again(model: &ModelFile, options: &Options, folder: &Path) -> Vec<LinearImage> {
     let (input, output) = (folder.join("dive.mcap"), folder.join("dive.again.mcap"));
     let options = Options { force: true, ..options.clone() };
     let (report, _) =
         correct(&input, &output, Some(model.clone()), &options, &Silent).expect("a corrected log");
-    pictures(&output, &report.corrected_topic)
+    images(&output, &report.corrected_topic)
 }
 
-/// All pictures of a topic, linear, in order.
-pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
+/// All images of a topic, linear, in order.
+pub fn images(path: &Path, topic: &str) -> Vec<LinearImage> {
     let recording = Recording::open(path).expect("a log");
-    let mut pictures = Vec::new();
+    let mut images = Vec::new();
     for entry in recording.messages(Window::ALL) {
         let Entry::Message(message) = entry else { continue };
         let channel = &recording.channels[&message.channel];
@@ -89,8 +89,8 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
                     .unwrap()
                     .unwrap();
             let value = decoder.read(message.data()).unwrap();
-            let Kind::Image(read) = decoder.message_type.kind else { panic!("no picture") };
-            pictures.push(
+            let Kind::Image(read) = decoder.message_type.kind else { panic!("no image") };
+            images.push(
                 decode(&read(&value).unwrap(), CameraResponse::default())
                     .unwrap()
                     .image
@@ -98,13 +98,13 @@ pub fn pictures(path: &Path, topic: &str) -> Vec<LinearImage> {
             );
         }
     }
-    pictures
+    images
 }
 
-/// Takes the shoulder off 8-bit pictures, as docs/formats.md says.
-pub fn unbend(pictures: &mut [LinearImage], from: f64) {
+/// Inverts the shoulder of 8-bit images, as docs/formats.md describes.
+pub fn unbend(images: &mut [LinearImage], from: f64) {
     let room = 1.0 - from;
-    for value in pictures.iter_mut().flat_map(|p| &mut p.pixels) {
+    for value in images.iter_mut().flat_map(|p| &mut p.pixels) {
         let shown = f64::from(*value);
         if shown > from {
             *value = (from - room * (1.0 - (shown - from) / room).max(1e-6).ln()) as f32;
@@ -112,7 +112,7 @@ pub fn unbend(pictures: &mut [LinearImage], from: f64) {
     }
 }
 
-/// Means over blocks of a picture.
+/// Means over blocks of an image.
 pub fn blocks(width: usize, height: usize, at: impl Fn(usize, usize) -> f64) -> Vec<f64> {
     let mut means = Vec::new();
     for y in (0..height / BLOCK).map(|r| r * BLOCK) {
@@ -132,22 +132,23 @@ pub fn median(values: &mut [f64]) -> f64 {
 fn verdict(
     truth: &Truth,
     dive: &Dive,
-    pictures: &[LinearImage],
+    images: &[LinearImage],
     model: ModelFile,
     report: Report,
 ) -> Verdict {
     let bands = model.attenuation_per_m.len();
     let true_band = |band: usize| if bands == 1 { 1 } else { band };
-    assert_eq!(pictures.len(), truth.frames.len(), "one corrected picture per frame");
+    assert_eq!(images.len(), truth.frames.len(), "one corrected image per frame");
     let mut reflectance_error = Vec::new();
     for band in 0..bands {
         let mut ratios = Vec::new();
-        for (picture, frame) in pictures.iter().zip(&truth.frames) {
-            let is = blocks(dive.width, dive.height, |x, y| f64::from(picture.at(x, y)[band]));
-            let ought = blocks(dive.width, dive.height, |x, y| {
+        for (image, frame) in images.iter().zip(&truth.frames) {
+            let is = blocks(dive.width, dive.height, |x, y| f64::from(image.at(x, y)[band]));
+            let expected = blocks(dive.width, dive.height, |x, y| {
                 f64::from(frame.reflectance[y * dive.width + x][true_band(band)])
             });
-            ratios.extend(is.iter().zip(&ought).filter(|(i, _)| **i < 0.999).map(|(i, o)| i / o));
+            ratios
+                .extend(is.iter().zip(&expected).filter(|(i, _)| **i < 0.999).map(|(i, o)| i / o));
         }
         let gain = median(&mut ratios);
         let mut errors: Vec<f64> = ratios.iter().map(|r| (r / gain - 1.0).abs()).collect();
@@ -157,10 +158,10 @@ fn verdict(
     let mut steps = Vec::new();
     for (row, theta) in pattern.log_gain.iter().zip(&pattern.theta_deg) {
         for (value, phi) in row.iter().zip(&pattern.phi_deg) {
-            let ought = truth.log_beam(theta.to_radians(), phi.to_radians());
+            let expected = truth.log_beam(theta.to_radians(), phi.to_radians());
             // Where less than a fiftieth of the peak's light goes there is nothing to see it by.
-            if let Some(value) = value.filter(|_| ought > (0.02f64).ln()) {
-                steps.push(value - ought);
+            if let Some(value) = value.filter(|_| expected > (0.02f64).ln()) {
+                steps.push(value - expected);
             }
         }
     }

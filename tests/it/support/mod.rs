@@ -10,7 +10,7 @@ pub mod replay;
 pub mod same_point;
 pub mod transcode;
 
-/// A sentence where it does not hold.
+/// An error with this text where the condition does not hold.
 pub fn ensure(holds: bool, sentence: impl Into<String>) -> Result<(), libtest_mimic::Failed> {
     if holds { Ok(()) } else { Err(libtest_mimic::Failed::from(sentence.into())) }
 }

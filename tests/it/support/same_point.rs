@@ -1,5 +1,5 @@
-//! What pictures of one dive show of the same ground, measured with the truth: every frame's pose
-//! and the floor are known, so a point is found in all frames that see it, without keypoints and
+//! How images of one dive agree on the same seafloor, measured with the truth: every frame's pose
+//! and the seafloor are known, so a point is found in all frames that see it, without keypoints and
 //! without the estimator.
 #![allow(dead_code)]
 
@@ -10,9 +10,9 @@ use super::colour::{delta_e, lab};
 use super::judge::{blocks, median};
 use super::render::{Dive, FrameTruth, Truth};
 
-/// Points stand this far apart on the ground [m].
+/// Spacing of the points on the seafloor [m].
 const POINT_STEP_M: f64 = 0.06;
-/// A point is a Gaussian patch of the ground, the same metres from every height: this standard
+/// A point is a Gaussian patch of the seafloor, of one size in metres from every altitude: this standard
 /// deviation [m] ...
 const POINT_SIGMA_M: f64 = 0.012;
 /// ... and out to here.
@@ -31,15 +31,15 @@ struct Sample {
     weights: Vec<(usize, f32)>,
 }
 
-/// The ground of a dive, point by point.
+/// The seafloor of a dive, point by point.
 pub struct Ground {
     samples: Vec<Sample>,
     points: usize,
-    /// by frame and block: whether any pixel is clipped in the raw picture
+    /// by frame and block: whether any pixel is clipped in the raw image
     clipped: Vec<Vec<bool>>,
 }
 
-/// What a series of pictures shows of it.
+/// How a series of images agrees on it.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Shown {
     /// median over the points of the standard deviation of log light over the frames, per band
@@ -54,7 +54,7 @@ pub struct Shown {
 }
 
 impl Ground {
-    /// Finds every point in every frame. The floor is a plane, the lens has no distortion.
+    /// Finds every point in every frame. The seafloor is a plane, the lens has no distortion.
     pub fn of(dive: &Dive, truth: &Truth, raw: &[LinearImage]) -> Self {
         let seen: Vec<Vec<[f64; 2]>> =
             truth.frames.iter().map(|frame| ground(dive, frame)).collect();
@@ -101,17 +101,17 @@ impl Ground {
         Self { samples, points, clipped: raw.iter().map(is_clipped).collect() }
     }
 
-    /// What pictures show.
-    pub fn shown(&self, dive: &Dive, truth: &Truth, pictures: &[LinearImage]) -> Shown {
-        let bands = pictures[0].bands;
-        // Over ridges a point of the plane is no point of the ground.
+    /// How images agree.
+    pub fn shown(&self, dive: &Dive, truth: &Truth, images: &[LinearImage]) -> Shown {
+        let bands = images[0].bands;
+        // Over ridges a point of the plane is no point of the seafloor.
         let flat = if dive.relief_m == 0.0 { 1.0 } else { f64::NAN };
         let per_band = (0..bands)
-            .map(|b| self.spreads(|frame, pixel| pictures[frame].pixels[pixel * bands + b]));
+            .map(|b| self.spreads(|frame, pixel| images[frame].pixels[pixel * bands + b]));
         let per_band: Vec<(f64, f64)> =
             per_band.map(|(within, between)| (flat * within, between)).collect();
         let (delta_e_median, delta_e_95) =
-            if bands == 3 { self.delta_e(dive, truth, pictures) } else { (f64::NAN, f64::NAN) };
+            if bands == 3 { self.delta_e(dive, truth, images) } else { (f64::NAN, f64::NAN) };
         Shown {
             scatter: per_band.iter().map(|(within, _)| *within).collect(),
             scatter_over_spread: per_band
@@ -123,7 +123,7 @@ impl Ground {
         }
     }
 
-    /// What the true reflectance itself shows: the floor of what can be measured this way.
+    /// The same of the true reflectance: the least that can be measured this way.
     pub fn floor(&self, truth: &Truth) -> Vec<(f64, f64)> {
         (0..3)
             .map(|b| self.spreads(|frame, pixel| truth.frames[frame].reflectance[pixel][b]))
@@ -150,26 +150,26 @@ impl Ground {
         }
     }
 
-    fn delta_e(&self, dive: &Dive, truth: &Truth, pictures: &[LinearImage]) -> (f64, f64) {
-        let (mut is, mut ought): (Vec<[f64; 3]>, Vec<[f64; 3]>) = (Vec::new(), Vec::new());
-        for ((picture, frame), clipped) in pictures.iter().zip(&truth.frames).zip(&self.clipped) {
+    fn delta_e(&self, dive: &Dive, truth: &Truth, images: &[LinearImage]) -> (f64, f64) {
+        let (mut is, mut expected): (Vec<[f64; 3]>, Vec<[f64; 3]>) = (Vec::new(), Vec::new());
+        for ((image, frame), clipped) in images.iter().zip(&truth.frames).zip(&self.clipped) {
             let of = |at: &dyn Fn(usize, usize, usize) -> f32| {
                 let [r, g, b] = [0, 1, 2]
                     .map(|band| blocks(dive.width, dive.height, |x, y| f64::from(at(x, y, band))));
                 r.into_iter().zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect::<Vec<_>>()
             };
-            let shown = of(&|x, y, band| picture.at(x, y)[band]);
+            let shown = of(&|x, y, band| image.at(x, y)[band]);
             let real = of(&|x, y, band| frame.reflectance[y * dive.width + x][band]);
             let judged = shown.into_iter().zip(real).zip(clipped).filter(|(_, clipped)| !**clipped);
             judged.for_each(|((i, o), _)| {
                 is.push(i);
-                ought.push(o);
+                expected.push(o);
             });
         }
         let gain = [0, 1, 2].map(|b| {
             let mut ratios: Vec<f64> = is
                 .iter()
-                .zip(&ought)
+                .zip(&expected)
                 .filter(|(i, _)| i[b] > 0.0)
                 .map(|(i, o)| o[b] / i[b])
                 .collect();
@@ -177,14 +177,14 @@ impl Ground {
         });
         let scaled = |i: &[f64; 3]| [0, 1, 2].map(|b| i[b] * gain[b]);
         let mut errors: Vec<f64> =
-            is.iter().zip(&ought).map(|(i, o)| delta_e(lab(scaled(i)), lab(*o))).collect();
+            is.iter().zip(&expected).map(|(i, o)| delta_e(lab(scaled(i)), lab(*o))).collect();
         let high = errors.len() * 95 / 100;
         let high = *errors.select_nth_unstable_by(high, f64::total_cmp).1;
         (median(&mut errors), high)
     }
 }
 
-/// Where on the ground each pixel of a frame looks.
+/// Seafloor point of each pixel of a frame.
 fn ground(dive: &Dive, frame: &FrameTruth) -> Vec<[f64; 2]> {
     assert_eq!(dive.distortion, [0.0; 5], "points are found through a lens without distortion");
     let [x, y, z, w] = frame.orientation_xyzw;

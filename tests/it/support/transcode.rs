@@ -1,4 +1,4 @@
-//! A log of ROS 2 (CDR, ros2msg) written anew in another encoding, by writers that share nothing
+//! A log of ROS 2 (CDR, ros2msg) rewritten in another encoding, by writers that share nothing
 //! with the readers under test.
 
 use std::collections::BTreeMap;
@@ -19,7 +19,7 @@ pub enum Encoding {
     Json,
 }
 
-/// The same log with other bytes in its raw pictures, whose last `bytes` are pixels.
+/// The same log with other bytes in its raw images, whose last `bytes` are pixels.
 pub fn with_pixels(path: &Path, topic: &str, bytes: usize, change: impl Fn(&mut [u8])) {
     let recording = Recording::open(path).unwrap();
     let mut out = Vec::new();
