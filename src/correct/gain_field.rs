@@ -245,7 +245,7 @@ impl<'g> GainField<'g> {
             for (column, parts) in line.chunks_exact(fields).enumerate() {
                 let node = row * columns + column;
                 if cells[column / every] {
-                    let values = self.from_smooth_parts(parts);
+                    let values = self.interpolated(parts);
                     self.set(node, &values, sums);
                 } else {
                     self.fill_exact(node, false, sums);
@@ -255,7 +255,7 @@ impl<'g> GainField<'g> {
     }
 
     /// A node from its smooth parts: only the beam pattern is looked up.
-    fn from_smooth_parts(&self, parts: &[f32]) -> Node {
+    fn interpolated(&self, parts: &[f32]) -> Node {
         let bands = self.bands;
         let angles = StrobeAngles { theta_rad: f64::from(parts[0]), phi_rad: f64::from(parts[1]) };
         let (log_beam, is_seen) = self.correction.model.beam_pattern.read(angles);

@@ -435,7 +435,7 @@ mod tests {
             assert!(
                 (0..2).all(|i| (is[i] / ought[i] - 1.0).abs() < 5e-3),
                 "{is:?} instead of {ought:?}"
-            )
+            );
         };
         // Slant range would say 2.4 m in the corner; it is the depth along the axis, 2 m, that a
         // pixel's size goes by.

@@ -159,7 +159,7 @@ impl<'a> PixelValues<'a> {
                 let (blocks, rest) = row.as_chunks::<8>();
                 let (out, last) = out.as_chunks_mut::<8>();
                 let look_up = |out: &mut [f32], row: &[u8]| {
-                    out.iter_mut().zip(row).for_each(|(v, value)| *v = table[usize::from(*value)])
+                    out.iter_mut().zip(row).for_each(|(v, value)| *v = table[usize::from(*value)]);
                 };
                 out.iter_mut().zip(blocks).for_each(|(out, block)| look_up(out, block));
                 look_up(last, rest);
@@ -189,7 +189,7 @@ impl<'a> PixelValues<'a> {
                         out.chunks_exact_mut(bands).zip(row.chunks_exact(2 * channels))
                     {
                         pixel.iter_mut().enumerate().for_each(|(band, v)| {
-                            *v = f32::from(read(&values[2 * channel(band)..])) / white
+                            *v = f32::from(read(&values[2 * channel(band)..])) / white;
                         });
                     }
                 }
@@ -203,10 +203,10 @@ impl<'a> PixelValues<'a> {
 fn invert_response(row: &mut [f32], transfer: Transfer, response: Option<&ResponseTable>) {
     match response {
         Some(response) => {
-            row.iter_mut().for_each(|v| *v = response.to_linear(f64::from(v.min(1.0))) as f32)
+            row.iter_mut().for_each(|v| *v = response.to_linear(f64::from(v.min(1.0))) as f32);
         }
         None if transfer != Transfer::Linear => {
-            row.iter_mut().for_each(|v| *v = transfer.to_linear(f64::from(v.min(1.0))) as f32)
+            row.iter_mut().for_each(|v| *v = transfer.to_linear(f64::from(v.min(1.0))) as f32);
         }
         None => {}
     }

@@ -82,7 +82,7 @@ fn file(full_name: &str, fields: &[Field<'_>]) -> Vec<u8> {
         match field_type {
             FieldType::Time => dependencies.push(path_of(TIMESTAMP)),
             FieldType::Message(inner) | FieldType::Messages(inner) => {
-                dependencies.push(path_of(inner.name))
+                dependencies.push(path_of(inner.name));
             }
             FieldType::Enum(name, values) => {
                 let value =
@@ -112,7 +112,7 @@ fn files(name: &str, fields: &[Field<'_>], seen: &mut Vec<String>, found: &mut V
                 found,
             ),
             FieldType::Message(inner) | FieldType::Messages(inner) => {
-                files(inner.name, inner.fields, seen, found)
+                files(inner.name, inner.fields, seen, found);
             }
             _ => {}
         }

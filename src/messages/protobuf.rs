@@ -262,7 +262,7 @@ impl Schema {
                 }
                 _ => {
                     values[at] =
-                        Some(self.single(kind, tags[at].coding, wire, budget)?.ok_or_else(bad)?)
+                        Some(self.single(kind, tags[at].coding, wire, budget)?.ok_or_else(bad)?);
                 }
             }
         }

@@ -207,7 +207,7 @@ impl ScatterTable {
                 parts.iter_mut().zip(self.values[at].iter().zip(&self.values[at + 1]))
             {
                 (0..3).for_each(|b| {
-                    part[b] += f64::from(weight * (near[b] + (far[b] - near[b]) * share))
+                    part[b] += f64::from(weight * (near[b] + (far[b] - near[b]) * share));
                 });
             }
         }

@@ -147,6 +147,9 @@ impl Equation {
     }
 }
 
+/// log BP from nodes of the grid and their weights.
+pub type LogBeam<'f> = dyn Fn(&[(usize, f64)]) -> f64 + 'f;
+
 /// A solution as the sum over lamps needs it.
 pub struct LampState<'s> {
     /// 1 or 3
@@ -156,7 +159,7 @@ pub struct LampState<'s> {
     /// the strobe leg's spreading exponent, where it is an unknown, else 0
     pub exponent: f64,
     /// log BP from nodes and weights
-    pub log_beam: &'s dyn Fn(&[(usize, f64)]) -> f64,
+    pub log_beam: &'s LogBeam<'s>,
 }
 
 impl PathTerms {

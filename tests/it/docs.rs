@@ -85,7 +85,7 @@ fn plain(path: &Path) -> PathBuf {
     for part in path.components() {
         match part {
             Component::ParentDir => {
-                assert!(out.pop(), "{} leads out of the repository", path.display())
+                assert!(out.pop(), "{} leads out of the repository", path.display());
             }
             other => out.push(other),
         }

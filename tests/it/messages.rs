@@ -260,7 +260,7 @@ fn every_message_type_decodes_to_the_expected_values() {
                     assert_eq!(found, expected, "{file}");
                 }
                 Kind::Ping(_, read) => {
-                    check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth)
+                    check_ping(file, i, read(&value, &rig).expect(file).ping, entry, truth);
                 }
             }
         }
@@ -317,10 +317,10 @@ fn check_ping(
             ping.and_then(|p| p.altitude.map(|a| a.0)).or(ranges.first().copied().flatten());
         match (value, truth.as_f64()) {
             (Some(value), Some(truth)) => {
-                assert!(close(value, truth, 1e-6), "{file}: {value} is not {truth}")
+                assert!(close(value, truth, 1e-6), "{file}: {value} is not {truth}");
             }
             (value, truth) => {
-                assert_eq!(value.is_some(), truth.is_some(), "{file}: reading {index}")
+                assert_eq!(value.is_some(), truth.is_some(), "{file}: reading {index}");
             }
         }
     } else if truth.is_null() {
@@ -330,10 +330,10 @@ fn check_ping(
         for (range, truth) in ranges.iter().zip(truth["ranges_m"].as_array().unwrap()) {
             match (range, truth.as_f64()) {
                 (Some(range), Some(truth)) => {
-                    assert!(close(*range, truth, 1e-6), "{file}: {range} is not {truth}")
+                    assert!(close(*range, truth, 1e-6), "{file}: {range} is not {truth}");
                 }
                 (range, truth) => {
-                    assert_eq!(range.is_some(), truth.is_some(), "{file}: ping {index}")
+                    assert_eq!(range.is_some(), truth.is_some(), "{file}: ping {index}");
                 }
             }
         }

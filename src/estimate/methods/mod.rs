@@ -77,13 +77,16 @@ fn enough_tracks(data: &Dataset<'_>, config: &EstimateConfig) -> Result<(), NoAn
 /// α that changes by less from sweep to sweep is final \[1/m\].
 const SETTLED_PER_M: f64 = 1e-4;
 
+/// Log radiance without attenuation → an answer.
+type ByKnown<'f, A> = dyn Fn(&dyn Fn(&LightPath) -> f64) -> Result<A, NoAnswer> + 'f;
+
 /// An estimator of α for a given beam pattern, in sweeps.
 struct Sweeps<'s, A> {
     data: &'s Dataset<'s>,
     grid: BeamGrid,
     config: &'s EstimateConfig,
     /// answer from all parts of Eq. 15 but attenuation
-    estimate: &'s dyn Fn(&dyn Fn(&LightPath) -> f64) -> Result<A, NoAnswer>,
+    estimate: &'s ByKnown<'s, A>,
     attenuation_per_m: fn(&A) -> Bands,
 }
 

@@ -23,6 +23,8 @@ enum Kind {
 
 /// Channel id, log time [ns] and offset [byte] of every message of a chunk.
 type Messages = Vec<(u16, u64, u64)>;
+/// A chunk record in two parts: the fields before the records, and the compressed records.
+type ChunkParts = Vec<Arc<Vec<u8>>>;
 
 /// A chunk being filled.
 #[derive(Default)]
@@ -167,7 +169,7 @@ impl ChunkBuilder {
     fn compressed(
         self,
         compression: Compression,
-    ) -> io::Result<(Vec<Arc<Vec<u8>>>, ChunkFacts, Messages)> {
+    ) -> io::Result<(ChunkParts, ChunkFacts, Messages)> {
         let uncompressed_size = self.records.len() as u64;
         let crc = crc32fast::hash(&self.records);
         let times = self.messages.iter().map(|m| m.1);

@@ -52,7 +52,7 @@ pub fn png(beam: &BeamPattern) -> Vec<u8> {
             (scale, top + y),
             (SCALE_WIDTH, 1),
             Ramp::Plasma.at(1.0 - y as f64 / SIDE as f64),
-        )
+        );
     });
     for quarter in 0..=4 {
         let at = top + side * quarter / 4;

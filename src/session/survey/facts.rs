@@ -52,7 +52,7 @@ fn put_lamps(file: &mut RigFile, strobe: &StrobeMount) {
         [(one, _)] => file.strobe.mount = strobe.source.as_ref().map(|_| one.clone()),
         several => {
             file.strobe.lamps =
-                Some(several.iter().map(|(mount, share)| LampFacts::of(mount, *share)).collect())
+                Some(several.iter().map(|(mount, share)| LampFacts::of(mount, *share)).collect());
         }
     }
 }

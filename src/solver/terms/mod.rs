@@ -14,9 +14,10 @@ mod tests;
 
 use nalgebra::DMatrix;
 
+use super::Setup;
 use super::equation::Equation;
+use super::equation::{LampState, LogBeam};
 use super::row::Row;
-use super::{Setup, equation::LampState};
 use crate::image::Bands;
 use attenuation::Attenuation;
 use backscatter::BackscatterTerm;
@@ -136,7 +137,7 @@ impl<'s> Terms<'s> {
         &self,
         frame: u32,
         values: &[f64],
-        log_beam: &'v dyn Fn(&[(usize, f64)]) -> f64,
+        log_beam: &'v LogBeam<'v>,
     ) -> LampState<'v> {
         LampState {
             bands: self.attenuation.bands(),

@@ -151,9 +151,9 @@ fn backscatter_is_added_to_the_direct_light() {
             let moved = |step: f64| {
                 let mut moved = state;
                 if k < 3 {
-                    moved.strength_per_m[k] += step
+                    moved.strength_per_m[k] += step;
                 } else {
-                    moved.shape[k - 3] += step
+                    moved.shape[k - 3] += step;
                 }
                 moved
             };

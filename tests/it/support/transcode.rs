@@ -199,7 +199,7 @@ fn ros1(layout: &Layout, kind: &Type, value: &Value<'_>, out: &mut Vec<u8>) {
         Type::Primitive(p) => match p {
             Primitive::Bool => out.push(int(value) as u8),
             Primitive::Int(n) | Primitive::UInt(n) => {
-                out.extend_from_slice(&int(value).to_le_bytes()[..*n])
+                out.extend_from_slice(&int(value).to_le_bytes()[..*n]);
             }
             Primitive::Float(4) => out.extend_from_slice(&(float(value) as f32).to_le_bytes()),
             Primitive::Float(_) => out.extend_from_slice(&float(value).to_le_bytes()),
@@ -290,10 +290,10 @@ fn protobuf(layout: &Layout, index: usize, value: &Value<'_>, out: &mut Vec<u8>)
                     for v in elements(value) {
                         match p {
                             Primitive::Float(4) => {
-                                packed.extend_from_slice(&(float(&v) as f32).to_le_bytes())
+                                packed.extend_from_slice(&(float(&v) as f32).to_le_bytes());
                             }
                             Primitive::Float(_) => {
-                                packed.extend_from_slice(&float(&v).to_le_bytes())
+                                packed.extend_from_slice(&float(&v).to_le_bytes());
                             }
                             _ => varint(int(&v) as u64, &mut packed),
                         }
