@@ -265,7 +265,8 @@ mod tests {
             let Some(setting) = SETTINGS.iter().find(|s| is_enum && s.key.ends_with(id)) else {
                 continue;
             };
-            let names: Vec<&str> = values.iter().map(|v| v.get_name()).collect();
+            let names: Vec<&str> =
+                values.iter().map(clap::builder::PossibleValue::get_name).collect();
             assert_eq!(names.join(" | "), setting.unit, "{}", setting.key);
             checked += 1;
         }

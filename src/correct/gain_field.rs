@@ -313,7 +313,8 @@ impl<'g> GainField<'g> {
         (gain, is_capped, is_seen)
     }
 
-    /// The factor per band, capped and rendered. All bands are capped by the same factor: hue stays.
+    /// The factor per band, capped and rendered. All bands are capped by the same factor: hue
+    /// stays.
     fn capped(&self, factor: [f32; 3]) -> ([f32; 3], bool) {
         let max = factor.iter().zip(self.per_median).fold(0f32, |max, (f, m)| max.max(f * m));
         let cap = (self.correction.config.gain_cap as f32 / max).min(1.0);
@@ -349,8 +350,8 @@ mod tests {
     use crate::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
     use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
-    /// The interpolated gain against the exact formula, on a tilted seafloor, with part of the image
-    /// above the horizon.
+    /// The interpolated gain against the exact formula, on a tilted seafloor, with part of the
+    /// image above the horizon.
     #[test]
     fn the_interpolated_field_agrees_with_the_exact_model() {
         let nodes = BeamGrid::new(41, 70.0);

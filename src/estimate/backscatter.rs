@@ -73,7 +73,8 @@ impl BackscatterFit {
     }
 }
 
-/// Frames with a scattered taken off their grids; cells that are hardly more than scattered are left out.
+/// Frames with a scattered taken off their grids; cells that are hardly more than scattered are
+/// left out.
 pub fn remove_from_frames(
     data: &Dataset<'_>,
     scattered: impl Fn(&Sample) -> Bands,

@@ -362,7 +362,7 @@ mod tests {
             let error = linear(&raw(encoding, [3, 3, 12], &[0; 36]), 255).expect_err("no image");
             assert!(error.contains(encoding), "{error}");
         }
-        let video = EncodedImage::Video { codec: "h264".into() };
+        let video = EncodedImage::Video { codec: "h264" };
         assert!(linear(&video, 255).expect_err("no image").contains("h264"));
     }
 

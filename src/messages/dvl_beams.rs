@@ -8,8 +8,9 @@
 //! | UUV simulator and others | `range` | < 0; covariance −1; 81 m, 0.7 m | `pose`, its x axis |
 //! | `gz.msgs.DVLVelocityTracking` | `range.mean` | `locked` false | none |
 //!
-//! `dvl_msgs/DVL` has the beams of Water Linked, the other simulators are `cola2_msgs`, `smarc_msgs`, Stonefish. `altitude` freezes at the last good value
-//! in many drivers: it is used only where the list is empty.
+//! `dvl_msgs/DVL` has the beams of Water Linked, the other simulators are `cola2_msgs`,
+//! `smarc_msgs`, Stonefish. `altitude` freezes at the last good value in many drivers: it is used
+//! only where the list is empty.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 

@@ -1,6 +1,6 @@
-//! A data set for archives: the corrected stills, a table of them with the columns of BIIGLE, and an
-//! iFDO record (image FAIR digital object, version 2.1) of the whole. Stills that are files in the
-//! log are copied byte for byte.
+//! A data set for archives: the corrected stills, a table of them with the columns of BIIGLE, and
+//! an iFDO record (image FAIR digital object, version 2.1) of the whole. Stills that are files in
+//! the log are copied byte for byte.
 //!
 //! What no log contains (creator, licence, project) is left out unless a file of facts supplies it.
 //! The lists are written last: a folder without `ifdo.json` is incomplete.

@@ -1,5 +1,5 @@
-//! Messages of a log, read in the order of the file. A block that cannot be read is an error, not an
-//! empty list.
+//! Messages of a log, read in the order of the file. A block that cannot be read is an error, not
+//! an empty list.
 
 use std::collections::BTreeSet;
 

@@ -175,8 +175,8 @@ impl Normal {
         for (k, (p, x)) in row.iter().enumerate() {
             self.right[*p] += x * (0..bands).map(|b| weight[b] * y[b]).sum::<f64>();
             for (j, (q, z)) in row[..=k].iter().enumerate() {
-                // Two lamps that light a point from the same direction share nodes of the beam: such
-                // a pair counts both ways.
+                // Two lamps that light a point from the same direction share nodes of the beam:
+                // such a pair counts both ways.
                 let times = if j < k && p == q { 2.0 } else { 1.0 };
                 self.matrix[(*p.max(q), *p.min(q))] += times * of_all * x * z;
             }

@@ -1,5 +1,5 @@
-//! Logs that are odd, large or broken in one way each: what `inspect` reports about them, and that they
-//! are read.
+//! Logs that are odd, large or broken in one way each: what `inspect` reports about them, and that
+//! they are read.
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

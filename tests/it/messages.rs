@@ -103,7 +103,8 @@ fn check_image(file: &str, image: &unwater::image::EncodedImage<'_>, expected: &
         ),
         "{file}: size"
     );
-    // Full scale is estimated from the bits in use; a dozen tiny gradients may not reach the top one.
+    // Full scale is estimated from the bits in use; a dozen tiny gradients may not reach the top
+    // one.
     let scale = if codes.coding.bits == 16 {
         f64::from(white) / expected["full_scale"].as_f64().unwrap()
     } else {

@@ -211,7 +211,8 @@ fn mosaic_agrees_with_the_true_positions() -> Result<(), Failed> {
     Ok(())
 }
 
-/// Without attitude and velocity, shared points alone must place the frames as far apart as they were.
+/// Without attitude and velocity, shared points alone must place the frames as far apart as they
+/// were.
 #[test]
 fn mosaic_without_attitude_and_velocity_is_registered_by_keypoints() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;

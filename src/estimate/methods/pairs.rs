@@ -290,7 +290,7 @@ mod tests {
     fn images_below_the_minimum_are_left_out() {
         // In every third image the second view is brighter than it should be.
         let noise = |i: u32| 0.05 * f64::from(i * 7 % 5) - 0.1;
-        let error = |i: u32| noise(i) - if i / 5 % 3 == 0 { 0.15 } else { 0.0 };
+        let error = |i: u32| noise(i) - if (i / 5).is_multiple_of(3) { 0.15 } else { 0.0 };
         let blue = |min_per_m| solved(&tracks(error), min_per_m).map(|a| a.attenuation_per_m[2]);
         let (all, some) = (blue(0.0).expect("an answer"), blue(0.05).expect("an answer"));
         assert!(all < some - 0.01 && (some - ALPHA[2]).abs() < 0.02, "{all} {some}");

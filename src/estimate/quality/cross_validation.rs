@@ -1,8 +1,8 @@
 //! Cross-validation: whether one form of the model predicts held-out frames better than another.
 //!
 //! Every third frame is held out; the solve uses the others. A point seen in both gets its
-//! reflectance from the views in the solve, and the held-out view is predicted. More unknowns always
-//! fit better what they were fitted to, but not this.
+//! reflectance from the views in the solve, and the held-out view is predicted. More unknowns
+//! always fit better what they were fitted to, but not this.
 
 use crate::solver::{PathFor, Problem, Setup, Track};
 use crate::stats;

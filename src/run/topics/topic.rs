@@ -3,6 +3,9 @@
 use super::super::camera_output::{CameraOutput, FrameOutput};
 use crate::messages::output::OutputType;
 
+/// Passes the messages for a frame on, encoded.
+pub type WriteTopic = fn(&FrameContext<'_>, &mut dyn FnMut(&[u8]));
+
 /// A topic of the output. A table of these is simpler here than a trait: none has a state.
 pub struct OutputTopic {
     /// order of the channel ids; topics of the same rank share a channel
@@ -12,7 +15,7 @@ pub struct OutputTopic {
     /// type of its messages
     pub message_type: fn(&CameraOutput<'_>) -> OutputType,
     /// passes on the messages for a frame
-    pub write: fn(&FrameContext<'_>, &mut dyn FnMut(&[u8])),
+    pub write: WriteTopic,
 }
 
 /// A frame as its topics see it.

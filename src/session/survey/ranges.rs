@@ -139,7 +139,7 @@ fn all_pings<'l>(
             let camera = checks::nearest_calibration(log, &topic, Some(size));
             match camera.and_then(|c| c.scaled_to(size.0, size.1)) {
                 None => {
-                    diagnostics.push(Diagnostic::on(&topic, CameraFact::DepthWithoutCalibration))
+                    diagnostics.push(Diagnostic::on(&topic, CameraFact::DepthWithoutCalibration));
                 }
                 Some(camera) => {
                     let beam = |[u, v, z]: &[f64; 3]| {

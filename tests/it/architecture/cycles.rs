@@ -71,9 +71,9 @@ fn named(text: &str) -> Named {
                 let is_export = before.ends_with("pub") || before.ends_with(')');
                 let paths = expand(statement[at + 4..].trim_end_matches(';'));
                 if is_export {
-                    exported.extend(paths)
+                    exported.extend(paths);
                 } else {
-                    used.extend(paths)
+                    used.extend(paths);
                 }
                 rest.push_str(before);
             }
@@ -158,7 +158,7 @@ impl Crate {
                         return Some(way);
                     }
                     if seen.insert(next.clone()) {
-                        queue.push([&way[..], &[next.clone()]].concat());
+                        queue.push([&way[..], std::slice::from_ref(next)].concat());
                     }
                 }
             }

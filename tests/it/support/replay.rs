@@ -93,9 +93,9 @@ pub fn a50(data: &Path) -> Result<(), Failed> {
 /// them.
 ///
 /// The vehicle's altitude is the mean of the four ranges times the true speed of sound over the
-/// 1500 m/s that the instrument was set to (according to its record; the CTD in the same log measured
-/// 1469.3 m/s). Without that factor, which `dvl.sound_speed_ratio` is for, every altitude is 2.1 %
-/// off. Tilt is not in it, nor in a plane's distance along the axis.
+/// 1500 m/s that the instrument was set to (according to its record; the CTD in the same log
+/// measured 1469.3 m/s). Without that factor, which `dvl.sound_speed_ratio` is for, every altitude
+/// is 2.1 % off. Tilt is not in it, nor in a plane's distance along the axis.
 pub fn pd0(data: &Path) -> Result<(), Failed> {
     let bytes = std::fs::read(data.join("dvl/dvl_pd0/remus_vehicle_log_subset_reduced.csv"))?;
     let text = String::from_utf8_lossy(&bytes);

@@ -12,8 +12,8 @@ use super::render::{Dive, FrameTruth, Truth};
 
 /// Spacing of the points on the seafloor [m].
 const POINT_STEP_M: f64 = 0.06;
-/// A point is a Gaussian patch of the seafloor, of one size in metres from every altitude: this standard
-/// deviation [m] ...
+/// A point is a Gaussian patch of the seafloor, of one size in metres from every altitude: this
+/// standard deviation [m] ...
 const POINT_SIGMA_M: f64 = 0.012;
 /// ... and out to here.
 const POINT_REACH_M: f64 = 0.5 * POINT_STEP_M;
