@@ -72,7 +72,6 @@ pub fn export(
     camera: &CameraLog,
     facts: &Map<String, Json>,
     folder: &Path,
-    window: Window,
     progress: &dyn Progress,
 ) -> Result<DataSet> {
     let records = log.records(camera, Images::Corrected);
@@ -80,11 +79,11 @@ pub fn export(
         let reason = "no frame of it was corrected; its report says why";
         return Err(bad(log, "nothing to export", reason.into()));
     }
-    ensure_complete(log, camera, &records, window)?;
+    ensure_complete(log, camera, &records)?;
     let stills_folder = folder.join("images");
     std::fs::create_dir_all(&stills_folder)
         .map_err(|source| Error::Write { path: stills_folder.clone(), source })?;
-    let places = Places::read(&log.scanned.recording, window)?;
+    let places = Places::read(&log.scanned.recording, log.window)?;
     let fixes = places.best_fixes().map(|(_, fixes)| fixes.as_slice()).unwrap_or_default();
     let sensor = camera
         .fact("camera_topic")
@@ -130,16 +129,15 @@ fn ensure_complete(
     log: &CorrectedLog,
     camera: &CameraLog,
     records: &BTreeMap<FrameId, usize>,
-    window: Window,
 ) -> Result<()> {
     let found: BTreeSet<usize> = records.values().copied().collect();
     let without_image: Vec<&FrameRecord> =
         camera.corrected().filter(|(i, _)| !found.contains(i)).map(|(_, f)| f).collect();
     let recorded = found.len() + without_image.len();
     // Damage takes records as well as images. The report has the number of all.
-    let is_whole = window == Window::ALL;
+    let is_whole = log.window == Window::ALL;
     let expected = if is_whole { camera.report.corrected.max(recorded) } else { recorded };
-    let may_hit = |d: &&Damage| d.end_ns == 0 || window.overlaps((d.start_ns, d.end_ns));
+    let may_hit = |d: &&Damage| d.end_ns == 0 || log.window.overlaps((d.start_ns, d.end_ns));
     let damage = log.scanned.index.damage.iter().find(may_hit);
     let missing = match (expected - found.len(), damage) {
         (0, Some(_)) if !is_whole => "an unknown number".to_string(),

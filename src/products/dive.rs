@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::messages::value::Value;
 use crate::messages::{Decoder, header};
 use crate::model::ModelFile;
-use crate::recording::{FrameId, Message, Recording};
+use crate::recording::{FrameId, Message, Recording, Window};
 use crate::report::Report;
 use crate::run::bench::Bench;
 use crate::session::{CameraSession, FrameRef, Log, Options, Selection, Threads};
@@ -65,6 +65,8 @@ pub struct CameraLog {
 pub struct CorrectedLog {
     /// the file and what it holds
     pub scanned: Log,
+    /// the segment that is read
+    pub window: Window,
     /// the settings of the run
     pub config: Config,
     /// the cameras that were corrected
@@ -87,12 +89,12 @@ impl CorrectedLog {
         let scanned = scanned.with_messages(&reading)?;
         let config =
             texts.get("unwater.toml").map_or_else(Config::default, |text| settings_of(text));
-        let mut corrected = Self { scanned, config, cameras };
-        corrected.read_frames(options)?;
+        let mut corrected = Self { scanned, window: options.window(), config, cameras };
+        corrected.read_frames()?;
         Ok(corrected)
     }
 
-    fn read_frames(&mut self, options: &Options) -> Result<()> {
+    fn read_frames(&mut self) -> Result<()> {
         let mut sinks: BTreeMap<u16, (usize, bool, Decoder)> = BTreeMap::new();
         let recording = &self.scanned.recording;
         for (index, camera) in self.cameras.iter().enumerate() {
@@ -112,7 +114,7 @@ impl CorrectedLog {
         let mut seafloors: Vec<Option<(u64, SeafloorFacts)>> =
             self.cameras.iter().map(|_| None).collect();
         let wanted: BTreeSet<u16> = sinks.keys().copied().collect();
-        for message in messages_of(recording, &wanted, options.window()) {
+        for message in messages_of(recording, &wanted, self.window) {
             let message = message?;
             let Some((index, is_frame, decoder)) = sinks.get(&message.channel) else { continue };
             let value = decoder.read(message.data()).map_err(|reason| Error::BadFile {

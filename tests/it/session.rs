@@ -143,7 +143,7 @@ fn a_log_is_scanned_once() {
 /// Exports the first camera of a log.
 fn exported(log: &CorrectedLog, folder: &Path) -> Result<usize, Error> {
     let facts = serde_json::Map::new();
-    let written = export(log, &log.cameras[0], &facts, folder, Window::ALL, &Silent)?;
+    let written = export(log, &log.cameras[0], &facts, folder, &Silent)?;
     Ok(written.stills)
 }
 

@@ -32,8 +32,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let facts = args.facts.as_deref().map_or_else(|| Ok(serde_json::Map::new()), read_facts)?;
     let log = CorrectedLog::open(&args.input, &options)?;
     let camera = selected(&log, args.log.camera.as_deref())?;
-    let (window, bar) = (options.window(), Bar::new(args.out.quiet));
-    let written = data_set::export(&log, camera, &facts, &args.output, window, &bar)?;
+    let bar = Bar::new(args.out.quiet);
+    let written = data_set::export(&log, camera, &facts, &args.output, &bar)?;
     if args.out.quiet {
         return Ok(Outcome::Done);
     }

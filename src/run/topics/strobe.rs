@@ -74,8 +74,8 @@ fn beam(frame: &FrameContext<'_>, plane: &SeafloorPlane) -> Vec<u8> {
         let meets = cosine > MIN_COS_INCIDENCE && length_m > 0.0;
         let length_m = if meets { length_m } else { FREE_BEAM_M };
         points.extend((0..=BEAM_STEPS).map(|i| {
-            let share = f64::from(i) / f64::from(BEAM_STEPS);
-            let at = optical_from_body * Point3::from(origin + axis * (length_m * share));
+            let along_m = length_m * f64::from(i) / f64::from(BEAM_STEPS);
+            let at = optical_from_body * Point3::from(origin + axis * along_m);
             ScenePoint { position_m: [at.x as f32, at.y as f32, at.z as f32], rgb: BEAM_COLOR }
         }));
     }

@@ -1,6 +1,6 @@
 //! Choice of the camera and the range instrument of a log.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::log::Log;
 use super::super::options::Selection;
@@ -11,77 +11,64 @@ use crate::messages::Kind;
 use crate::units::Stamp;
 use crate::vehicle::{Ping, RigFile};
 
+/// The camera that is selected, or the only one.
 pub fn choose_camera(
     log: &Log,
     selection: &Selection,
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<String> {
-    let mut topics: BTreeMap<String, usize> = BTreeMap::new();
+    let mut frames: BTreeMap<String, usize> = BTreeMap::new();
     for (id, decoder) in &log.index.decoders {
         if matches!(decoder.message_type.kind, Kind::Image(_)) {
-            *topics.entry(log.topic(*id)).or_default() +=
-                log.index.channels.get(id).map_or(0, |c| c.frames.len());
+            let of_channel = log.index.channels.get(id).map_or(0, |c| c.frames.len());
+            *frames.entry(log.topic(*id)).or_default() += of_channel;
         }
     }
-    let seen = if topics.is_empty() {
-        log.channel_list()
-    } else {
-        topics.keys().cloned().collect::<Vec<_>>().join(", ")
-    };
-    if let Some(wanted) = &selection.camera {
-        return if let Some(codec) = log
-            .index
-            .channels
-            .iter()
-            .filter(|(id, _)| log.topic(**id) == *wanted)
-            .find_map(|(_, c)| c.video.clone())
-        {
-            Err(Error::Video { topic: wanted.clone(), codec })
-        } else if topics.contains_key(wanted) {
-            Ok(wanted.clone())
-        } else {
-            Err(Error::NoSuchTopic { what: "camera", topic: wanted.clone(), seen })
+    if let Some(topic) = &selection.camera {
+        return match video(log, topic) {
+            Some(codec) => Err(Error::Video { topic: topic.clone(), codec }),
+            None if frames.contains_key(topic) => Ok(topic.clone()),
+            None => {
+                let topics: Vec<String> = frames.into_keys().collect();
+                let seen = if topics.is_empty() { log.channel_list() } else { topics.join(", ") };
+                Err(Error::NoSuchTopic { what: "camera", topic: topic.clone(), seen })
+            }
         };
     }
-    let video = |topic: &String| {
-        let of_topic =
-            log.index.channels.iter().filter(|(id, _)| {
-                log.recording.channels.get(id).is_some_and(|c| c.topic == *topic)
-            });
-        of_topic.filter_map(|(_, c)| c.video.clone()).next()
-    };
-    let videos: Vec<(String, String)> =
-        topics.keys().filter_map(|t| Some((t.clone(), video(t)?))).collect();
-    topics.retain(|t, frames| *frames > 0 && videos.iter().all(|(v, _)| v != t));
-    if topics.is_empty()
-        && let Some((topic, codec)) = videos.into_iter().next()
-    {
+    let mut topics: BTreeSet<String> = BTreeSet::new();
+    let mut videos = Vec::new();
+    for (topic, frames) in frames {
+        match video(log, &topic) {
+            Some(codec) => videos.push((topic, codec)),
+            None if frames > 0 => drop(topics.insert(topic)),
+            None => {}
+        }
+    }
+    if let (true, Some((topic, codec))) = (topics.is_empty(), videos.into_iter().next()) {
         return Err(Error::Video { topic, codec });
     }
-    let own: Vec<String> = topics
-        .keys()
-        .filter(|t| t.contains("image_corrected") || t.starts_with("/unwater/"))
-        .cloned()
-        .collect();
-    if own.len() < topics.len() {
-        topics.retain(|t, _| !own.contains(t));
+    let is_own = |t: &String| t.contains("image_corrected") || t.starts_with("/unwater/");
+    if !topics.iter().all(is_own) {
+        topics.retain(|t| !is_own(t));
     }
-    // The same camera twice, raw and compressed: raw has lost less.
-    let raw: Vec<String> = topics
-        .keys()
-        .filter_map(|t| t.strip_suffix("/compressed").map(String::from))
-        .filter(|t| topics.contains_key(t))
-        .collect();
-    for kept in &raw {
-        let compressed_topic = format!("{kept}/compressed");
+    // The same camera twice, raw and compressed: the raw images are better.
+    let is_raw = |t: &&String| topics.contains(&format!("{t}/compressed"));
+    for raw in topics.iter().filter(is_raw).cloned().collect::<Vec<_>>() {
+        let compressed_topic = format!("{raw}/compressed");
         topics.remove(&compressed_topic);
-        diagnostics.push(Diagnostic::on(kept, CameraFact::RawPreferred { compressed_topic }));
+        diagnostics.push(Diagnostic::on(&raw, CameraFact::RawPreferred { compressed_topic }));
     }
     match topics.len() {
         0 => Err(Error::NoCamera { seen: log.channel_list() }),
-        1 => Ok(topics.into_keys().next().unwrap_or_default()),
-        _ => Err(Error::SeveralCameras { topics: topics.into_keys().collect() }),
+        1 => Ok(topics.into_iter().next().unwrap_or_default()),
+        _ => Err(Error::SeveralCameras { topics: topics.into_iter().collect() }),
     }
+}
+
+/// The codec of a topic that holds video.
+fn video(log: &Log, topic: &str) -> Option<String> {
+    let channels = log.recording.channels.iter().filter(|(_, c)| c.topic == topic);
+    channels.filter_map(|(id, _)| log.index.channels.get(id)?.video.clone()).next()
 }
 
 /// The range channel that tells most: beams before a single range before a bare altitude, and more
