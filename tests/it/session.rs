@@ -15,6 +15,9 @@ use unwater::units::Stamp;
 
 use super::support::render::Dive;
 
+/// Frames of the sample, all of them corrected.
+const FRAMES: usize = 20;
+
 fn sample() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/rendered_clear.mcap")
 }
@@ -125,7 +128,7 @@ fn a_log_is_scanned_once() {
     let log = Log::open(&sample(), &Options::default()).unwrap();
     let scanned = log.recording.bytes_read();
     let frames = |_| CameraSession::new(&log, &Options::default()).unwrap().survey.frames.len();
-    assert_eq!([1, 2].map(frames), [16, 16]);
+    assert_eq!([1, 2].map(frames), [FRAMES; 2]);
     assert_eq!(log.recording.bytes_read(), scanned);
 
     let folder = tempfile::tempdir().unwrap();
@@ -135,7 +138,7 @@ fn a_log_is_scanned_once() {
     let scanned = corrected.scanned.recording.bytes_read();
     for images in [Images::Raw, Images::Corrected] {
         let bench = corrected.bench(&corrected.cameras[0], images, &Options::default()).unwrap();
-        assert_eq!(bench.session.survey.frames.len(), 16);
+        assert_eq!(bench.session.survey.frames.len(), FRAMES);
     }
     assert_eq!(corrected.scanned.recording.bytes_read(), scanned);
 }
@@ -153,27 +156,35 @@ fn an_export_with_images_missing_fails() {
     let output = folder.path().join("out.mcap");
     correct(&sample(), &output, None, &Options::default(), &Silent).unwrap();
     let open = |path: &Path| CorrectedLog::open(path, &Options::default()).unwrap();
-    assert_eq!(exported(&open(&output), &folder.path().join("whole")).unwrap(), 16);
+    assert_eq!(exported(&open(&output), &folder.path().join("whole")).unwrap(), FRAMES);
 
     // Without the images, and without some of them.
     let bytes = std::fs::read(&output).unwrap();
     let topic = open(&output).cameras[0].topic(Images::Corrected).to_string();
-    for dropped in [16, 3] {
+    for dropped in [FRAMES, 3] {
         let partial = folder.path().join(format!("without_{dropped}.mcap"));
         without(&output, &partial, &topic, dropped);
         let error = exported(&open(&partial), &folder.path().join("partial")).unwrap_err();
-        let expected = format!("{dropped} of 16 on {topic}");
+        let expected = format!("{dropped} of {FRAMES} on {topic}");
         assert!(error.to_string().contains(&expected), "{error}");
     }
 
-    // A chunk of images and records that is damaged.
-    let damaged = folder.path().join("damaged.mcap");
-    let mut flipped = bytes.clone();
-    let at = bytes.len() / 2;
-    flipped[at] ^= 0xff;
-    std::fs::write(&damaged, flipped).unwrap();
-    let error = exported(&open(&damaged), &folder.path().join("damaged")).unwrap_err();
-    assert!(error.to_string().contains("the log is damaged"), "{error}");
+    // Damage takes images and their records: all are exported, or the loss is an error.
+    let (damaged, mut losses) = (folder.path().join("damaged.mcap"), 0);
+    for tenth in 1..10 {
+        let mut flipped = bytes.clone();
+        flipped[bytes.len() * tenth / 10] ^= 0xff;
+        std::fs::write(&damaged, flipped).unwrap();
+        let Ok(log) = CorrectedLog::open(&damaged, &Options::default()) else { continue };
+        match exported(&log, &folder.path().join(format!("damaged_{tenth}"))) {
+            Ok(stills) => assert_eq!(stills, FRAMES, "{tenth}"),
+            Err(error) => {
+                assert!(error.to_string().contains("damage"), "{error}");
+                losses += 1;
+            }
+        }
+    }
+    assert!(losses > 0);
 
     // A file that becomes unreadable after it was opened.
     let log = open(&output);
@@ -200,7 +211,7 @@ fn without(source: &Path, target: &Path, topic: &str, dropped: usize) {
     for entry in recording.messages(Window::ALL) {
         let Entry::Message(m) = entry else { continue };
         images += usize::from(is_image(m.channel));
-        if is_image(m.channel) && images > 16 - dropped {
+        if is_image(m.channel) && images > FRAMES - dropped {
             continue;
         }
         let header = mcap::records::MessageHeader {
