@@ -126,12 +126,13 @@ macro_rules! settings {
                 "what is removed (Fig. 10); from frame-average on they are baselines, for \
                  comparison (Fig. 4, Eq. 12 to 14)",
                 option("method", "NAME",
-                    "What is removed (Fig. 10 of the paper), or a baseline for comparison (Fig. 4)");
+                    "What is removed (Fig. 10 of the paper), or a baseline to compare (Fig. 4)");
             white_balance: WhiteBalance = WhiteBalance::GreyWorld, "grey-world | none | [r, g, b]",
                 "one per log, never per image";
             highlight_quantile: f64 = 0.995, "share",
                 "one exposure per log: this share of the seafloor stays below highlight_level";
-            highlight_level: f64 = 0.75, "share of white", "leaves headroom for single bright pixels";
+            highlight_level: f64 = 0.75, "share of white",
+                "leaves headroom for single bright pixels";
             shoulder_from: f64 = 0.75, "share of white",
                 "above it 8-bit images are compressed towards white instead of clipped; 1 clips. \
                  16-bit images are never compressed",
@@ -146,8 +147,8 @@ macro_rules! settings {
                 "maximum relative error of the gain, which is interpolated between nodes of a grid",
                 must("lie in 0.00001 to 0.1", |error| (1e-5..=0.1).contains(error));
             mask: bool = false, "true | false",
-                "an image of bits beside each corrected one: clipped, gain capped, off the surface, \
-                 unseen beam",
+                "an image of bits beside each corrected one: clipped, gain capped, off the \
+                 surface, unseen beam",
                 flag("mask",
                     "Add an image of bits beside each corrected one: clipped, gain capped, off the \
                      surface, unseen beam");
