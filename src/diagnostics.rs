@@ -1,7 +1,7 @@
 //! Typed diagnostics: facts about a log, a model or a run, each with a stable code, a severity,
 //! its numbers, a text and, where something can be done, a remedy.
 //!
-//! Facts come in families, one file each, and one entry of [`facts!`] is all that a new one takes.
+//! Facts come in families, one file each, and one entry of `facts!` is all that a new one takes.
 //! Code passes them on as values; text is rendered here only. In JSON:
 //! `{"code", "severity", "topic", numbers by name, "text", "remedy"}`.
 

@@ -69,7 +69,7 @@ impl<'s> Dataset<'s> {
         self.backscatter.map_or(self.tracks, |(_, raw)| raw)
     }
 
-    /// Moments with pings of their own: frames nearer than [`PINGS_SHARED_S`] share their errors.
+    /// Moments with pings of their own: frames nearer than `PINGS_SHARED_S` share their errors.
     pub fn moments(&self) -> usize {
         let moment = |f: &FrameSamples| (f.stamp.0 as f64 * 1e-9 / PINGS_SHARED_S) as i64;
         self.frames.iter().map(moment).collect::<BTreeSet<_>>().len()

@@ -3,7 +3,7 @@
 //! Samples are taken from images once ([`sample_frame`]), matched and joined to [`tracks`]; from
 //! then on only samples count, so that estimators run in moments in a test. The sequence: recorded
 //! exposures and drop-outs are divided out, the strobe is located, backscatter is separated, and
-//! then the estimators of [`methods`] run side by side; [`quality`] tells how far the answer can be
+//! then the estimators of `methods` run side by side; `quality` tells how far the answer can be
 //! trusted.
 
 mod angular_bins;

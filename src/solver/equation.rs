@@ -120,7 +120,7 @@ impl Equation {
         Self { frame, source: 0, index: 0, path, reading, y: [residual, 0.0, 0.0] }
     }
 
-    /// Linearises the sum over several lamps about a solution (see [`PathTerms::linearize`]).
+    /// Linearises the sum over several lamps about a solution (see `PathTerms::linearize`).
     pub fn linearize_lamps(&mut self, state: &LampState<'_>) {
         let before = self.path.geometry;
         self.path.linearize(state);

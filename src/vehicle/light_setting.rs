@@ -24,7 +24,7 @@ impl SettingSeries {
         Self { topic, name, values }
     }
 
-    /// The setting of a frame: the nearest within [`SAME_FRAME_S`], else the last before it, else
+    /// The setting of a frame: the nearest within `SAME_FRAME_S`, else the last before it, else
     /// the first of the log.
     pub fn at(&self, stamp: Stamp) -> Option<f64> {
         let after = self.values.partition_point(|(s, _)| *s < stamp);

@@ -548,7 +548,7 @@ fn init_writes_known_values_and_a_field_of_view_completes_them() {
         said.contains("\nwidth = ")
             && said.contains("\nheight = ")
             && said.contains("# fx =   # FILL IN")
-            && said.contains("no DVL"),
+            && said.contains("no readable DVL"),
         "{said}"
     );
     assert!(toml::from_str::<unwater::vehicle::RigFile>(&said).is_ok(), "{said}");
