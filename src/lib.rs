@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
-// The rooms in the order the data walks; ARCHITECTURE.md has the table; a test checks it.
+// The modules in the order of the data flow. ARCHITECTURE.md has the table of layers, which a test
+// checks.
 pub mod coordinates;
 pub mod diagnostics;
 pub mod error;
