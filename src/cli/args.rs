@@ -248,7 +248,7 @@ pub fn moment(text: &str) -> std::result::Result<u64, String> {
 
 #[cfg(test)]
 mod tests {
-    use clap::Args as _;
+    use clap::{Args as _, ValueEnum};
 
     use super::*;
     use crate::config::SETTINGS;
@@ -258,18 +258,19 @@ mod tests {
         let command = EstimateOptions::augment_args(clap::Command::new("settings"));
         let command = OutputOptions::augment_args(RenderOptions::augment_args(command));
         let mut checked = 0;
-        for option in command.get_arguments() {
+        for option in command.get_arguments().filter(|a| a.get_num_args().is_none()) {
             let values = option.get_possible_values();
-            let key = format!(".{}", option.get_id());
-            let setting = SETTINGS.iter().find(|s| s.key.ends_with(&key)).expect("a setting");
-            if values.is_empty() {
+            let id = option.get_id().as_str();
+            let is_enum = !values.is_empty() && option.get_action().takes_values();
+            let Some(setting) = SETTINGS.iter().find(|s| is_enum && s.key.ends_with(id)) else {
                 continue;
-            }
+            };
             let names: Vec<&str> =
                 values.iter().map(clap::builder::PossibleValue::get_name).collect();
             assert_eq!(names.join(" | "), setting.unit, "{}", setting.key);
             checked += 1;
         }
         assert_eq!(checked, 9);
+        assert_eq!(Switch::value_variants().len(), 3);
     }
 }
