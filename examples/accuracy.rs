@@ -342,7 +342,7 @@ fn strobe_off(o: &Outcome) -> f64 {
     o.strobe_off_m.iter().map(|d| d * d).sum::<f64>().sqrt()
 }
 
-/// How far from its place the strobe is taken to be, along the vehicle's axes [m].
+/// How far from its place the strobe is taken to be, along the vehicle's axes (m).
 fn strobe_off_in(v: &Verdict, truth: &Truth) -> [f64; 3] {
     // The camera looks straight down, image up is forward: ahead = −y, left = −x, up = −z of the
     // optical space.

@@ -17,10 +17,10 @@ use unwater::run::correct;
 use unwater::session::index::LogIndex;
 use unwater::session::{CameraSession, Log, Options, Silent};
 
-/// Light is compared over a Gaussian of this standard deviation on the seafloor [m]: matches are a
+/// Light is compared over a Gaussian of this standard deviation on the seafloor (m): matches are a
 /// pixel or two off.
 const PATCH_SIGMA_M: f64 = 0.01;
-/// Raw light beyond these [share of full scale] is no measurement.
+/// Raw light beyond these (share of full scale) is no measurement.
 const USABLE: std::ops::Range<f64> = 0.0015..0.985;
 
 fn main() {
@@ -192,7 +192,7 @@ fn differences(
     of_band.into_iter().filter(|all| !all.is_empty()).map(median).collect()
 }
 
-/// Slope of frames' median log light with the camera's altitude [1/m], over pixels that are lit
+/// Slope of frames' median log light with the camera's altitude (1/m), over pixels that are lit
 /// before and after.
 fn slopes(
     frames: &[(u64, FrameSamples)],

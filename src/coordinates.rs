@@ -38,7 +38,7 @@ pub struct Dvl;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Strobe;
 
-/// A position in space `S` [m].
+/// A position in space `S` (m).
 #[derive(Debug, PartialEq)]
 pub struct Point<S>(Vector3<f64>, PhantomData<S>);
 /// A unit vector in space `S`.
@@ -57,15 +57,15 @@ macro_rules! copy {
 copy!(Point<S>, Direction<S>, Transform<To, From>);
 
 impl<S> Point<S> {
-    /// From coordinates [m].
+    /// From coordinates (m).
     pub fn new(x: f64, y: f64, z: f64) -> Self {
         Self(Vector3::new(x, y, z), PhantomData)
     }
-    /// From a vector [m].
+    /// From a vector (m).
     pub fn from_vector(v: Vector3<f64>) -> Self {
         Self(v, PhantomData)
     }
-    /// As a vector from the space's origin [m].
+    /// As a vector from the space's origin (m).
     pub fn vector(self) -> Vector3<f64> {
         self.0
     }
@@ -92,7 +92,7 @@ impl<S> Direction<S> {
 }
 
 impl<To, From> Transform<To, From> {
-    /// Translation [m] and quaternion x, y, z, w as ROS writes them; the quaternion is normalised.
+    /// Translation (m) and quaternion x, y, z, w as ROS writes them; the quaternion is normalised.
     pub fn from_parts(translation_m: [f64; 3], xyzw: [f64; 4]) -> Self {
         let q = Quaternion::new(xyzw[3], xyzw[0], xyzw[1], xyzw[2]);
         let rotation = if q.norm() > 1e-9 {

@@ -31,7 +31,7 @@ pub struct Report {
     pub uncorrected: BTreeMap<String, usize>,
     /// frames by the support of their seafloor plane
     pub planes: BTreeMap<String, usize>,
-    /// lowest and highest camera altitude of the corrected frames [m]
+    /// lowest and highest camera altitude of the corrected frames (m)
     pub camera_altitude_m: Option<[f64; 2]>,
     /// shares of pixels, means over the corrected frames
     pub mean_shares: BTreeMap<String, f64>,

@@ -4,7 +4,7 @@
 //! metres. Confusing them is an error of 8 to 15 %, which passes undiminished into the attenuation.
 //! Times are integer nanoseconds, as in the log; only differences are floating point.
 
-/// A time on the recording's clock [ns since its epoch, normally Unix].
+/// A time on the recording's clock (ns since its epoch, normally Unix).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Stamp(pub i64);
 
@@ -19,16 +19,16 @@ impl Stamp {
         Self(self.0.saturating_add((seconds * 1e9).round() as i64))
     }
 
-    /// Time from `other` to `self` [s]; negative where `self` is earlier.
+    /// Time from `other` to `self` (s); negative where `self` is earlier.
     pub fn seconds_since(self, other: Self) -> f64 {
         self.0.saturating_sub(other.0) as f64 * 1e-9
     }
 }
 
-/// Distance from the transducer to the seafloor along a sonar beam [m].
+/// Distance from the transducer to the seafloor along a sonar beam (m).
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct SlantRange(pub f64);
 
-/// Distance to the seafloor along its normal [m].
+/// Distance to the seafloor along its normal (m).
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub struct Altitude(pub f64);

@@ -26,12 +26,12 @@ const MAX_LOG_GAIN: f32 = 60.0;
 const STEEP: f32 = 1.1;
 /// The same for θ, φ and log radiance without beam, between nodes where they are exact.
 const STEEP_SMOOTH: f32 = 0.25;
-/// Exact nodes lie this far apart, seen from the camera \[rad\]: over that, 1/8 of the square of it
+/// Exact nodes lie this far apart, seen from the camera (rad): over that, 1/8 of the square of it
 /// times the second derivative of the smooth parts (6 at most) is 0.02 %.
 const SMOOTH_RAD: f64 = 0.016;
-/// Largest distance between nodes \[px\].
+/// Largest distance between nodes (px).
 const MAX_STEP_PX: usize = 32;
-/// Smallest slope of log radiance without beam \[1/rad\].
+/// Smallest slope of log radiance without beam (1/rad).
 const SMOOTH_SLOPE: f64 = 3.0;
 
 /// Gains on the nodes of a grid over the frame.
@@ -64,7 +64,7 @@ struct Node {
     is_seen: bool,
 }
 
-/// Distance between nodes \[px\] for which interpolation errs by no more than `error`, for a strobe
+/// Distance between nodes (px) for which interpolation errs by no more than `error`, for a strobe
 /// that sees a pixel under 1/`px_per_rad`.
 fn step_px(beam: &BeamPattern, roughness: (f64, f64), px_per_rad: f64, error: f64) -> usize {
     let grid = beam.nodes();

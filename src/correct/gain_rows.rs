@@ -8,7 +8,7 @@ use crate::image::noise::Noise;
 
 /// Signal and noise are compared at so many pixels along a row …
 const SIGNAL_SAMPLES_ACROSS: usize = 64;
-/// … and no nearer to each other than this \[px\].
+/// … and no nearer to each other than this (px).
 const SIGNAL_SAMPLE_STEP_PX: usize = 16;
 
 /// Gains of one row of pixels after another.

@@ -13,7 +13,7 @@ pub const UNSEEN_BEAM: u8 = 8;
 /// Of a rectified image: outside the original image.
 pub const OUTSIDE: u8 = 16;
 
-/// Radius of the demosaicing filter [px].
+/// Radius of the demosaicing filter (px).
 const MOSAIC_REACH: usize = 2;
 
 /// [`CLIPPED`] flags of an image, filled row by row.

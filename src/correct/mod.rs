@@ -59,13 +59,13 @@ pub struct Correction<'m> {
 /// Facts of one corrected frame; shares are of its pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct FrameFacts {
-    /// altitude of the camera over the seafloor plane \[m\]
+    /// altitude of the camera over the seafloor plane (m)
     pub camera_altitude_m: f64,
-    /// shortest light path ℓ \[m\]
+    /// shortest light path ℓ (m)
     pub path_length_min_m: f64,
-    /// mean light path \[m\]
+    /// mean light path (m)
     pub path_length_mean_m: f64,
-    /// longest light path \[m\]
+    /// longest light path (m)
     pub path_length_max_m: f64,
     /// raw pixels at full scale
     pub clipped_input_share: f64,

@@ -8,7 +8,7 @@ use crate::image::demosaic::BayerPattern;
 /// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the
 /// picture's edge or beyond it.
 pub struct NodeGrid {
-    /// [px]
+    /// (px)
     pub step: usize,
     /// nodes across
     pub columns: usize,

@@ -40,13 +40,13 @@ const MIN_IMPROVEMENT: f64 = 0.02;
 pub struct BackscatterFit {
     /// the model's part
     pub backscatter: Backscatter,
-    /// standard deviation of b_Λ [1/m]
+    /// standard deviation of b_Λ (1/m)
     pub std_per_m: Bands,
     /// how much better held-out frames are foretold
     pub improvement: f64,
     /// median share of scattered light in what tracked points send, per band
     pub share: Bands,
-    /// α with it modelled, roughly [1/m]
+    /// α with it modelled, roughly (1/m)
     pub attenuation_per_m: Bands,
     table: ScatterTable,
 }

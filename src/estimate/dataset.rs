@@ -14,7 +14,7 @@ use crate::solver::{Independence, Observation, Sample, Setup, Track};
 use crate::stats;
 use crate::vehicle::Lamps;
 
-/// Frames nearer than this share their pings \[s\].
+/// Frames nearer than this share their pings (s).
 const PINGS_SHARED_S: f64 = 2.5;
 
 /// Samples and geometry.
@@ -34,7 +34,7 @@ pub struct Dataset<'s> {
     pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
     /// nodes of α in time
     pub drift: Option<&'s DriftFit>,
-    /// α with backscatter modelled, where it is present and the settings exclude it \[1/m\]
+    /// α with backscatter modelled, where it is present and the settings exclude it (1/m)
     pub unmodelled_backscatter: Option<Bands>,
 }
 
@@ -58,7 +58,7 @@ impl<'s> Dataset<'s> {
         }
     }
 
-    /// A sample's ray: x/z, y/z in the image plane, and ℓ_s \[m\].
+    /// A sample's ray: x/z, y/z in the image plane, and ℓ_s (m).
     pub fn ray(&self, sample: &Sample) -> (f64, f64, f64) {
         let hit = (self.body_from_optical.inverse() * sample.hit).vector();
         (hit.x / hit.z, hit.y / hit.z, sample.seafloor_to_camera_m)

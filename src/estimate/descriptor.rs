@@ -27,8 +27,8 @@ fn turns(y: f32, x: f32) -> f32 {
 }
 
 impl Plane {
-    /// Gradients in the square around a place, row by row: where each lies from it [px], its
-    /// strength under a Gaussian of exponent `per_square` · r², its direction [turns]. `within`
+    /// Gradients in the square around a place, row by row: where each lies from it (px), its
+    /// strength under a Gaussian of exponent `per_square` · r², its direction (turns). `within`
     /// gives the columns of interest of a row, from the place on.
     fn around(
         &self,
@@ -73,7 +73,7 @@ impl Plane {
         }
     }
 
-    /// The strongest direction of the gradients around a point [rad].
+    /// The strongest direction of the gradients around a point (rad).
     pub fn orientation(&self, u: f32, v: f32, sigma: f32) -> f32 {
         const BINS: usize = 36;
         let mut histogram = [0f32; BINS];
@@ -101,7 +101,7 @@ impl Plane {
         (peak as f32 + offset) / BINS as f32 * std::f32::consts::TAU
     }
 
-    /// 4 × 4 cells, turned by `angle` [rad], of the directions of gradients in each.
+    /// 4 × 4 cells, turned by `angle` (rad), of the directions of gradients in each.
     pub fn descriptor(&self, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
         // Directions are a circle: what falls into the ninth is the first's.
         // Eight cells to a row, where seven would do: so a place in range is told without a check.

@@ -15,7 +15,7 @@ use crate::units::Stamp;
 /// Frames that a node needs.
 const FRAMES_PER_NODE: usize = 12;
 const MOST_NODES: usize = 24;
-/// A log that stops for longer is not the same water [s], and …
+/// A log that stops for longer is not the same water (s), and …
 const GAP_S: f64 = 120.0;
 /// … for so many times its own interval between frames.
 const GAP_INTERVALS: f64 = 20.0;

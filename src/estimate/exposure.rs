@@ -56,7 +56,7 @@ struct Change {
     frames: (usize, usize),
     /// mean over bands
     log_light: f64,
-    /// of the camera over the floor [m], and the log of it
+    /// of the camera over the floor (m), and the log of it
     height: [f64; 2],
 }
 

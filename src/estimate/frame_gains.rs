@@ -20,7 +20,7 @@ use crate::solver::terms::{Prior, Term, TermList};
 use crate::solver::{Equation, LinearSystem, Observation, Problem, Track, sample_path};
 use crate::stats;
 
-/// A frame stands out where its log gain differs from its neighbours' by this \[log light\], and by
+/// A frame stands out where its log gain differs from its neighbours' by this (log light), and by
 /// so many spreads.
 const STANDS_OUT: f64 = 0.15;
 const SPREADS: f64 = 6.0;
@@ -28,7 +28,7 @@ const SPREADS: f64 = 6.0;
 const NEIGHBOURS: usize = 4;
 /// Reweightings of the solve whose residuals the gains explain.
 const ROUNDS: usize = 6;
-/// Reweightings of the gains, the spread they begin with, and the least it becomes \[log light\].
+/// Reweightings of the gains, the spread they begin with, and the least it becomes (log light).
 const GAIN_ROUNDS: usize = 8;
 const FIRST_SPREAD: f64 = 0.5;
 const MIN_SPREAD: f64 = 0.02;

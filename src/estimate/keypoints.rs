@@ -1,5 +1,5 @@
 //! Keypoints with sub-pixel place, scale and orientation, and a descriptor to match them by (paper
-//! §IV-B, [39]).
+//! §IV-B, reference 39).
 //!
 //! Differences of Gaussians on the *logarithm* of light: there a contrast means the same in the
 //! bright middle of the beam and in its dark rim. After Lowe (IJCV 2004); ours, because pass one
@@ -14,11 +14,11 @@ use crate::image::SensorImage;
 /// One keypoint.
 #[derive(Clone, Debug)]
 pub struct Keypoint {
-    /// column in the full picture [px]
+    /// column in the full picture (px)
     pub u: f64,
-    /// row [px]
+    /// row (px)
     pub v: f64,
-    /// strength [log light]
+    /// strength (log light)
     pub response: f32,
     /// what it looks like
     pub descriptor: Descriptor,
@@ -26,7 +26,7 @@ pub struct Keypoint {
 
 const SCALES: usize = 3;
 const SIGMA: f32 = 1.6;
-/// blur that the reduced picture is taken to have already [px]
+/// blur that the reduced picture is taken to have already (px)
 const INPUT_SIGMA: f32 = 0.6;
 const EDGE_RATIO: f32 = 10.0;
 const BORDER: usize = 6;
@@ -50,7 +50,7 @@ impl Plane {
 struct Extremum {
     octave: usize,
     level: usize,
-    /// place in its octave [px]
+    /// place in its octave (px)
     u: f32,
     v: f32,
     sigma: f32,

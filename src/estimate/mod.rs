@@ -1,10 +1,10 @@
 //! Pass one: samples → imaging model (paper §IV-B, IV-C).
 //!
-//! Samples are taken from images once ([`sample_frame`]), matched and joined to [`tracks`]; from
-//! then on only samples count, so that estimators run in moments in a test. The sequence: recorded
-//! exposures and drop-outs are divided out, the strobe is located, backscatter is separated, and
-//! then the estimators of `methods` run side by side; `quality` tells how far the answer can be
-//! trusted.
+//! Samples are taken from images once ([`sample_frame`]), matched and joined to `tracks`;
+//! from then on only samples count, so that estimators run in moments in a test. The sequence:
+//! recorded exposures and drop-outs are divided out, the strobe is located, backscatter is
+//! separated, and then the estimators of `methods` run side by side; `quality` tells how far the
+//! answer can be trusted.
 
 mod angular_bins;
 mod backscatter;
@@ -55,7 +55,7 @@ use strobe_search::place_strobe;
 pub struct Estimate {
     /// the model
     pub model: ImagingModel,
-    /// standard deviation of α \[1/m\]
+    /// standard deviation of α (1/m)
     pub attenuation_std_per_m: Bands,
     /// the estimator that the model comes from
     pub estimator: Estimator,
@@ -76,7 +76,7 @@ pub struct Mounts {
     pub lamps: Lamps,
     /// whether the strobe's is measured; a guess otherwise
     pub strobe_is_measured: bool,
-    /// position of the range instrument in the body \[m\]
+    /// position of the range instrument in the body (m)
     pub instrument: Vector3<f64>,
 }
 
@@ -101,7 +101,7 @@ pub struct ModelEstimate {
 /// Times that strobe and backscatter are estimated in turn: each is more certain with the other
 /// known.
 const TURNS: usize = 3;
-/// A strobe that moves less between turns is final \[m\].
+/// A strobe that moves less between turns is final (m).
 const SETTLED_M: f64 = 0.01;
 
 /// Samples and tracks, owned.
@@ -194,7 +194,7 @@ struct Separation {
     backscatter: Option<BackscatterFit>,
     /// the samples without backscatter
     direct: Option<Samples>,
-    /// α with backscatter modelled, where the settings exclude it \[1/m\]
+    /// α with backscatter modelled, where the settings exclude it (1/m)
     unmodelled: Option<Bands>,
 }
 

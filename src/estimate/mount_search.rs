@@ -31,17 +31,17 @@ const ROUNDS: usize = 5;
 /// What fits better than what was given.
 #[derive(Clone, Copy, Debug)]
 pub struct MountFit {
-    /// to add to the camera's stamps [s]
+    /// to add to the camera's stamps (s)
     pub clock_offset_s: f64,
-    /// its standard deviation [s]
+    /// its standard deviation (s)
     pub clock_offset_std_s: f64,
-    /// how the planes turn, as a rotation vector in body space [rad]
+    /// how the planes turn, as a rotation vector in body space (rad)
     pub turn_rad: Vector3<f64>,
-    /// about the camera's x and y axes [rad]
+    /// about the camera's x and y axes (rad)
     pub turn_about_axes_rad: [f64; 2],
-    /// standard deviation of those [rad]
+    /// standard deviation of those (rad)
     pub turn_std_rad: [f64; 2],
-    /// residual as given, and with these [log light]
+    /// residual as given, and with these (log light)
     pub residual: [f64; 2],
     /// whether the planes' turn is the attitude's, no mount's: most floors were taken to be level
     pub turn_is_attitudes: bool,
@@ -70,7 +70,7 @@ impl MountFit {
 }
 
 /// Searches for a better clock and mount; `None` where the log cannot tell. `instrument` is the
-/// position of the range instrument in the body \[m\].
+/// position of the range instrument in the body (m).
 pub fn check_mounts(
     data: &Dataset<'_>,
     instrument: Vector3<f64>,

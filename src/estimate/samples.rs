@@ -51,7 +51,7 @@ pub struct FrameSamples {
     pub stamp: Stamp,
     /// the plane's normal; a sample's own may differ where the ground is not flat
     pub normal: Direction<Body>,
-    /// height of the camera over it [m]
+    /// height of the camera over it (m)
     pub camera_altitude_m: f64,
     /// bands of the picture
     pub bands: usize,
@@ -67,7 +67,7 @@ pub struct FrameSamples {
     pub mean_light: [f64; 3],
     /// whether the picture came as codes of 8 bits
     pub eight_bit: bool,
-    /// the plane's distance from the body's origin [m]
+    /// the plane's distance from the body's origin (m)
     pub distance_m: f64,
     /// whether the plane's slopes were taken to be level, for want of beams
     pub is_level_assumed: bool,
@@ -87,12 +87,12 @@ impl FrameSamples {
     }
 }
 
-/// Standard deviation of a rung's footprint on the seafloor [m].
+/// Standard deviation of a rung's footprint on the seafloor (m).
 fn footprint_m(rung: i32) -> f64 {
     1e-3 * 2f64.powf(f64::from(rung) / 2.0)
 }
 
-/// A pixel is itself a mean over its square, so much of a Gaussian's variance [px²].
+/// A pixel is itself a mean over its square, so much of a Gaussian's variance (px²).
 const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Metres of seafloor to a pixel along the picture's rows and columns: of the circle on the

@@ -4,7 +4,7 @@
 //! fore-and-aft nearly doubles it. The place, three numbers, joins the unknowns to first order; a
 //! step is taken where the residual falls (`descent`), the pattern solved anew at each place. The
 //! orientation does not matter: the pattern's grid takes it up. From nothing, the search begins at
-//! the best of a few places around the camera. In: tracks. Out: the place in body space [m], its
+//! the best of a few places around the camera. In: tracks. Out: the place in body space (m), its
 //! standard deviation, and the residual there.
 
 use nalgebra::Vector3;
@@ -18,7 +18,7 @@ use crate::solver::terms::geometry::strobe_position;
 use crate::solver::{Minimum, Problem, SETTLED, Setup, Track, minimize, sample_path, thinned};
 use crate::vehicle::{Lamps, StrobeSource};
 
-/// Places tried around the camera before the search begins [m].
+/// Places tried around the camera before the search begins (m).
 const FIRST_RING_M: f64 = 0.6;
 /// Observations that hold three numbers well enough; more only cost time.
 const MAX_OBSERVATIONS: usize = 16_000;
@@ -28,11 +28,11 @@ const MAX_OBSERVATIONS: usize = 16_000;
 pub struct StrobeFit {
     /// its mount: found place, orientation as at the start
     pub lamps: Lamps,
-    /// standard deviation of the place, per body axis [m]
+    /// standard deviation of the place, per body axis (m)
     pub std_m: [f64; 3],
-    /// residual of the solve at the start, and where it was found [log light]
+    /// residual of the solve at the start, and where it was found (log light)
     pub residual: [f64; 2],
-    /// from the start to where it was found [m]
+    /// from the start to where it was found (m)
     pub moved_m: f64,
 }
 
@@ -50,11 +50,11 @@ pub struct StrobePlacement {
 }
 
 /// A place that moved less than this, or less than three standard deviations, does not contradict
-/// the given one [m].
+/// the given one (m).
 const CONTRADICTION_M: f64 = 0.06;
-/// A given place is only checked: shorter steps hardly add up to a contradiction [m].
+/// A given place is only checked: shorter steps hardly add up to a contradiction (m).
 const CHECKED_M: f64 = CONTRADICTION_M / 10.0;
-/// A place less sure than this is not found [m].
+/// A place less sure than this is not found (m).
 const UNSURE_M: f64 = 0.15;
 
 /// Finds, refines or checks the strobe's place. `is_known` says whether `data.lamps` is a
@@ -126,7 +126,7 @@ pub fn place_strobe(
 }
 
 /// Searches from `from`, which is a mere guess unless there is a position to begin at: then
-/// positions beside it are tried first. Steps shorter than `settled` end it \[m\]. `None` where
+/// positions beside it are tried first. Steps shorter than `settled` end it (m). `None` where
 /// the log does not hold the solve.
 fn search_strobe(
     tracks: &[Track],

@@ -7,7 +7,7 @@
 //! cos γ = n·(h − s) / ℓ_a         angle of incidence on the plane
 //! ```
 //!
-//! In: plane, terrain and extrinsics, in body space [m]. Out: lengths [m], angles [rad].
+//! In: plane, terrain and extrinsics, in body space (m). Out: lengths (m), angles (rad).
 
 use crate::coordinates::{Body, Direction, Point};
 use crate::vehicle::{Camera, Lamps, MAX_LAMPS, Rig};
@@ -19,7 +19,7 @@ use super::terrain::Terrain;
 /// seafloor where it meets the plane is unknown.
 pub const MIN_COS_INCIDENCE: f64 = 0.05;
 
-/// Direction from the strobe to a seafloor point [rad].
+/// Direction from the strobe to a seafloor point (rad).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StrobeAngles {
     /// about the strobe's x axis: atan2(y, z)
@@ -33,9 +33,9 @@ pub struct StrobeAngles {
 /// are its [`lamp_paths`](Self::lamp_paths).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightPath {
-    /// ℓ_a [m]
+    /// ℓ_a (m)
     pub strobe_to_seafloor_m: f64,
-    /// ℓ_s [m]
+    /// ℓ_s (m)
     pub seafloor_to_camera_m: f64,
     /// direction in the beam
     pub angles: StrobeAngles,
@@ -48,7 +48,7 @@ pub struct LightPath {
 /// Light path from one of several lamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LampPath {
-    /// ℓ_a [m]
+    /// ℓ_a (m)
     pub length_m: f64,
     /// direction in its beam
     pub angles: StrobeAngles,
@@ -68,7 +68,7 @@ impl LampPath {
 }
 
 impl LightPath {
-    /// ℓ = ℓ_a + ℓ_s [m]
+    /// ℓ = ℓ_a + ℓ_s (m)
     pub fn length_m(&self) -> f64 {
         self.strobe_to_seafloor_m + self.seafloor_to_camera_m
     }
@@ -150,9 +150,9 @@ pub struct View<'r> {
 /// Intersection of a pixel's ray with the seafloor.
 #[derive(Clone, Copy, Debug)]
 pub struct SeafloorPoint {
-    /// [m]
+    /// (m)
     pub position: Point<Body>,
-    /// ℓ_s [m]
+    /// ℓ_s (m)
     pub seafloor_to_camera_m: f64,
     /// normal of the seafloor there, pointing into it
     pub normal: Direction<Body>,
@@ -199,7 +199,7 @@ impl View<'_> {
         light_path(position, seafloor_to_camera_m, normal, self.rig.strobe.lamps)
     }
 
-    /// Distance of the camera from the plane [m].
+    /// Distance of the camera from the plane (m).
     pub fn camera_altitude_m(&self) -> f64 {
         self.plane.camera_altitude_m(self.rig)
     }

@@ -30,20 +30,20 @@ impl Support {
 pub struct SeafloorPlane {
     /// n
     pub normal: Direction<Body>,
-    /// d: distance from the body's origin [m]
+    /// d: distance from the body's origin (m)
     pub distance_m: f64,
     /// what determines it
     pub support: Support,
     /// number of returns used
     pub returns: usize,
-    /// root mean square distance of the returns from the plane [m]; NaN without redundancy
+    /// root mean square distance of the returns from the plane (m); NaN without redundancy
     pub residual_m: f64,
-    /// time between the frame and the nearest ping with a return or altitude [s]
+    /// time between the frame and the nearest ping with a return or altitude (s)
     pub nearest_ping_s: f64,
 }
 
 impl SeafloorPlane {
-    /// Distance of the camera from the plane, along the normal [m].
+    /// Distance of the camera from the plane, along the normal (m).
     pub fn camera_altitude_m(&self, rig: &Rig) -> f64 {
         self.distance_m - self.normal.vector().dot(&rig.body_from_optical.origin().vector())
     }
@@ -54,7 +54,7 @@ impl SeafloorPlane {
 pub enum NoSeafloor {
     /// no ping near enough in time
     NoPing {
-        /// time to the nearest ping [s]; infinite where there is none
+        /// time to the nearest ping (s); infinite where there is none
         nearest_s: f64,
     },
     /// pings without a return

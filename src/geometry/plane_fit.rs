@@ -26,15 +26,15 @@ const MAX_OUTLIERS: (f64, usize) = (0.25, 16);
 /// slope across it is not determined.
 const MIN_AXIS_RATIO: f64 = 0.15;
 
-/// A return in body space at the frame's time [m].
+/// A return in body space at the frame's time (m).
 pub struct Return {
     pub at: Vector3<f64>,
-    /// time of the ping minus time of the frame [s]
+    /// time of the ping minus time of the frame (s)
     pub offset_s: f64,
 }
 
-/// Distance at the frame's time from (distance [m], time offset [s]) of pings, and the root mean
-/// square residual [m]. `None` where pings do not lie on both sides of the frame: there is no
+/// Distance at the frame's time from (distance (m), time offset (s)) of pings, and the root mean
+/// square residual (m). `None` where pings do not lie on both sides of the frame: there is no
 /// extrapolation. Linear in time for two pings or more; quadratic for five or more, as a vehicle in
 /// swell would otherwise be off by centimetres.
 pub fn distance_at_frame(distances: &[(f64, f64)]) -> Option<(f64, f64)> {
@@ -55,9 +55,9 @@ pub fn distance_at_frame(distances: &[(f64, f64)]) -> Option<(f64, f64)> {
 /// Linear least squares over heights.
 struct LeastSquares {
     solution: DVector<f64>,
-    /// one per height, outliers included [m]
+    /// one per height, outliers included (m)
     residuals: DVector<f64>,
-    /// root mean square residual [m]; NaN without redundancy
+    /// root mean square residual (m); NaN without redundancy
     residual_m: f64,
     /// number of heights used
     used: usize,
@@ -145,7 +145,7 @@ impl LeastSquares {
 }
 
 /// A return relative to the centroid: u and v perpendicular to the beams' mean axis, height along
-/// it [m], time offset [s].
+/// it (m), time offset (s).
 type Local = [f64; 4];
 /// Derivative of the height with respect to one parameter.
 type Column = fn(&Local) -> f64;

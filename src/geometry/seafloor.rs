@@ -8,7 +8,7 @@
 //!
 //! Pings and frames are not simultaneous, and a vehicle that pitches at 2°/s in between would tilt
 //! the plane; returns are therefore rotated by the attitude where the log has one. In: pings,
-//! attitude, extrinsics. Out: n·x = d in body space [m].
+//! attitude, extrinsics. Out: n·x = d in body space (m).
 
 use nalgebra::Vector3;
 
@@ -26,7 +26,7 @@ use crate::vehicle::{AttitudeTrack, Ping, Rig};
 const TERRAIN_FRAMES: usize = 40;
 /// Terrain is used where its cross-validated error is at most this share of the plane's.
 const MAX_PREDICTION_RATIO: f64 = 0.75;
-/// Returns further away in time lie outside the image, and drift displaces them [s].
+/// Returns further away in time lie outside the image, and drift displaces them (s).
 const TERRAIN_WINDOW_S: f64 = 12.0;
 /// Minimum cosine between the plane's normal and the beams' mean axis.
 const MIN_AXIS_COS: f64 = 0.3;
@@ -85,7 +85,7 @@ impl SeafloorEstimator {
         ratio.filter(|_| self.uses_terrain)
     }
 
-    /// A point of the body in the world [m], and the segment of the trajectory within which world
+    /// A point of the body in the world (m), and the segment of the trajectory within which world
     /// positions are comparable. Drift is about 1 % of the distance travelled.
     pub fn in_world(
         &self,

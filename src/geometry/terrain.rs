@@ -9,7 +9,7 @@
 //! frame are placed by the trajectory, so that terrain ahead is known. An instrument with many
 //! beams (a depth image, a point cloud) needs no trajectory: one ping is a surface.
 //!
-//! In: returns over a plane. Out: heights [m] on a grid in the plane.
+//! In: returns over a plane. Out: heights (m) on a grid in the plane.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -18,12 +18,12 @@ use crate::coordinates::{Body, Point};
 use crate::stats::median;
 use crate::vehicle::Rig;
 
-/// Half the side of the grid, and the distance up to which returns are used [altitudes].
+/// Half the side of the grid, and the distance up to which returns are used (altitudes).
 const REACH: f64 = 2.0;
-/// Length scale of the kernel [altitudes].
+/// Length scale of the kernel (altitudes).
 const LENGTH: f64 = 0.3;
-/// Range noise [share of the altitude], its lower bound [m], and the growth of a height's standard
-/// deviation by trajectory drift [m/s].
+/// Range noise (share of the altitude), its lower bound (m), and the growth of a height's standard
+/// deviation by trajectory drift (m/s).
 const NOISE_SHARE: f64 = 0.006;
 const MIN_NOISE_M: f64 = 0.005;
 const DRIFT_M_PER_S: f64 = 0.003;
@@ -33,7 +33,7 @@ const MAX_RETURNS: usize = 140;
 pub const MIN_RETURNS: usize = 9;
 /// Grid nodes per side.
 const NODES: usize = 33;
-/// Returns are predicted from those at least this far away in time [s].
+/// Returns are predicted from those at least this far away in time (s).
 const SEPARATION_S: f64 = 0.6;
 /// Iterations of the ray intersection; slopes are gentle.
 const ITERATIONS: usize = 4;
@@ -43,12 +43,12 @@ const ITERATIONS: usize = 4;
 pub struct TerrainSample {
     pub ping: usize,
     pub beam: usize,
-    /// position in the plane [m]
+    /// position in the plane (m)
     pub u: f64,
     pub v: f64,
-    /// over the plane, towards the vehicle [m]
+    /// over the plane, towards the vehicle (m)
     pub height_m: f64,
-    /// time of the ping minus time of the frame [s]
+    /// time of the ping minus time of the frame (s)
     pub offset_s: f64,
 }
 
@@ -78,7 +78,7 @@ impl PlaneAxes {
         (self.u.dot(&from), self.v.dot(&from))
     }
 
-    /// (u, v, height) of a return [m]; `None` where it is out of reach or implausibly high.
+    /// (u, v, height) of a return (m); `None` where it is out of reach or implausibly high.
     pub fn project(&self, at: &Vector3<f64>) -> Option<(f64, f64, f64)> {
         let (u, v) = self.coordinates(at);
         let height_m = self.plane.distance_m - self.plane.normal.vector().dot(at);
@@ -120,7 +120,7 @@ impl GaussianProcess {
         Some(Self { samples, weights, length_m })
     }
 
-    /// Height [m] and its slopes along u and v.
+    /// Height (m) and its slopes along u and v.
     fn at(&self, u: f64, v: f64) -> [f64; 3] {
         let per_square = 1.0 / (self.length_m * self.length_m);
         self.samples.iter().zip(self.weights.iter()).fold([0.0; 3], |[h, du, dv], (sample, w)| {
@@ -135,7 +135,7 @@ impl GaussianProcess {
 #[derive(Clone, Debug)]
 pub struct Terrain {
     axes: PlaneAxes,
-    /// `NODES × NODES`, v-major: height [m] and its slopes along u and v
+    /// `NODES × NODES`, v-major: height (m) and its slopes along u and v
     nodes: Vec<[f64; 3]>,
     half_side_m: f64,
 }
@@ -154,7 +154,7 @@ impl Terrain {
         Some(Self { axes, nodes, half_side_m })
     }
 
-    /// Height [m] and slopes at a point projected onto the plane; 0 beyond the grid.
+    /// Height (m) and slopes at a point projected onto the plane; 0 beyond the grid.
     fn at(&self, at: &Vector3<f64>) -> [f64; 3] {
         let (u, v) = self.axes.coordinates(at);
         let [x, y] = [u, v].map(|p| (p / self.half_side_m + 1.0) / 2.0 * (NODES - 1) as f64);
@@ -171,7 +171,7 @@ impl Terrain {
         })
     }
 
-    /// Intersection of a ray (unit vector) from `camera` with the terrain: point, distance [m], and
+    /// Intersection of a ray (unit vector) from `camera` with the terrain: point, distance (m), and
     /// the surface normal (not of unit length).
     pub fn intersect(
         &self,
@@ -193,7 +193,7 @@ impl Terrain {
     }
 }
 
-/// Cross-validation over some frames, given as samples and altitude [m]: median error of left-out
+/// Cross-validation over some frames, given as samples and altitude (m): median error of left-out
 /// returns against the terrain predicted from the others, divided by that against the plane. 1
 /// means that the terrain explains nothing. `None` where there are too few returns.
 pub fn prediction_ratio(frames: impl Iterator<Item = (Vec<TerrainSample>, f64)>) -> Option<f64> {

@@ -10,10 +10,10 @@ use super::ping_store::PingStore;
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig};
 
-/// Longer gaps between velocities are not integrated over [s].
+/// Longer gaps between velocities are not integrated over (s).
 const MAX_GAP_S: f64 = 1.0;
 
-/// Per ping the number of its segment and the DVL's position in the world [m]. Positions are
+/// Per ping the number of its segment and the DVL's position in the world (m). Positions are
 /// comparable within a segment only.
 #[derive(Clone, Debug, Default)]
 pub struct Trajectory(Vec<(u32, Vector3<f64>)>);

@@ -13,7 +13,7 @@ use super::pixel_values::StoredSamples;
 pub use super::pixel_values::{CameraResponse, Coding, PixelValues};
 use super::{Container, EncodedImage, SensorImage, jpeg_header, yuv};
 
-/// Full scale [DN] of 16-bit images whose pixel values, combined by bitwise or, are `bits_used`.
+/// Full scale (DN) of 16-bit images whose pixel values, combined by bitwise or, are `bits_used`.
 /// Sensors of 10, 12 or 14 bits use the upper bits of the 16 (the lowest are never set) or the
 /// lower ones (the highest are never set).
 pub fn white_level(bits_used: u16) -> u16 {
@@ -37,7 +37,7 @@ pub struct DecodedImage {
     pub coding: Coding,
 }
 
-/// Larger images are taken for damaged [px].
+/// Larger images are taken for damaged (px).
 const MAX_PIXELS: usize = 400_000_000;
 
 /// Decodes an image into linear light.
@@ -128,7 +128,7 @@ fn cannot_decode(error: image::ImageError) -> String {
     format!("the image cannot be decoded: {error}")
 }
 
-/// Width, height and pixel values [DN] of a grey 16-bit PNG: a depth image.
+/// Width, height and pixel values (DN) of a grey 16-bit PNG: a depth image.
 ///
 /// # Errors
 /// Another kind of file, or a damaged one.
@@ -143,7 +143,7 @@ pub fn grey16(data: &[u8]) -> Result<(usize, usize, Vec<u16>), String> {
     Ok((width, height, bytes.chunks_exact(2).map(|b| u16::from_ne_bytes([b[0], b[1]])).collect()))
 }
 
-/// Width and height [px], where they are known without decoding.
+/// Width and height (px), where they are known without decoding.
 pub fn size(encoded: &EncodedImage<'_>) -> Option<(usize, usize)> {
     match *encoded {
         EncodedImage::Raw { width, height, .. } => Some((width, height)),
@@ -186,7 +186,7 @@ fn ensure_size(width: usize, height: usize) -> Result<(), String> {
 /// No codec compresses further than this. A header that claims more is damaged, and nothing is
 /// allocated for it.
 const MAX_PIXELS_PER_BYTE: usize = 4096;
-/// Images up to this size are accepted whatever their number of bytes [px].
+/// Images up to this size are accepted whatever their number of bytes (px).
 const ALWAYS_PLAUSIBLE_PIXELS: usize = 1 << 20;
 
 /// Size of a compressed image, if it is supported and plausible for the number of bytes.

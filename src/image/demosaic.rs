@@ -1,5 +1,5 @@
 //! Bayer mosaic → three bands by the filters of Malvar, He and Cutler (ICASSP 2004, the paper's
-//! [10]).
+//! reference 10).
 //!
 //! In: one linear value per pixel. Out: three. The 5×5 filters correct bilinear interpolation with
 //! the Laplacian of the measured band. That assumes similar bands. Under water red is ten times

@@ -17,7 +17,7 @@ pub struct FlatField {
 }
 
 impl FlatField {
-    /// From the transmission at column and row [px], the same for all bands.
+    /// From the transmission at column and row (px), the same for all bands.
     pub fn from_fn(width: usize, height: usize, at: impl Fn(f64, f64) -> f64) -> Self {
         let mut transmission = LinearImage::new(width, height, 1);
         for (y, row) in transmission.pixels.chunks_exact_mut(width).enumerate() {

@@ -33,9 +33,9 @@ pub fn max_value(values: &[f32]) -> f32 {
 pub enum EncodedImage<'v> {
     /// uncompressed pixels, row-major
     Raw {
-        /// [px]
+        /// (px)
         width: usize,
-        /// [px]
+        /// (px)
         height: usize,
         /// a name of `sensor_msgs/image_encodings`
         encoding: &'v str,
@@ -108,9 +108,9 @@ impl SensorImage {
 /// Pixels proportional to radiance; 1 is the sensor's full scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearImage {
-    /// [px]
+    /// (px)
     pub width: usize,
-    /// [px]
+    /// (px)
     pub height: usize,
     /// 1 (monochrome) or 3 (red, green, blue)
     pub bands: usize,
@@ -121,9 +121,9 @@ pub struct LinearImage {
 /// Size of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ImageShape {
-    /// [px]
+    /// (px)
     pub width: usize,
-    /// [px]
+    /// (px)
     pub height: usize,
     /// 1 (monochrome) or 3 (red, green, blue)
     pub bands: usize,

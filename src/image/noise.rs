@@ -8,9 +8,9 @@ use super::transfer::Transfer;
 /// Full well and read noise of a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Electrons {
-    /// [electrons]; without it shot and read noise are not modelled
+    /// (electrons); without it shot and read noise are not modelled
     pub full_well: Option<f64>,
-    /// standard deviation [electrons]
+    /// standard deviation (electrons)
     pub read_noise: f64,
 }
 
@@ -19,7 +19,7 @@ pub struct Electrons {
 pub struct Noise {
     /// linear light of every pixel value; empty for a linear response
     levels: Vec<f32>,
-    /// largest quantisation step [share of full scale]
+    /// largest quantisation step (share of full scale)
     largest_step: f64,
     electrons: Electrons,
 }
@@ -48,7 +48,7 @@ impl Noise {
         Self { levels, largest_step, electrons }
     }
 
-    /// Standard deviation at `light` [share of full scale].
+    /// Standard deviation at `light` (share of full scale).
     pub fn std(&self, light: f64) -> f64 {
         let step = match self.levels.len() {
             0 => self.largest_step,

@@ -15,7 +15,7 @@ pub struct CameraResponse<'r> {
     pub transfer: Transfer,
     /// measured response; replaces `transfer`
     pub response: Option<&'r ResponseTable>,
-    /// pixel value of full scale in 16-bit images [DN]; 65535 where `None`
+    /// pixel value of full scale in 16-bit images (DN); 65535 where `None`
     pub white_level: Option<u16>,
 }
 
@@ -44,12 +44,12 @@ pub struct StoredSamples<'a> {
     pub container: Container,
 }
 
-/// Pixel values of an image [DN]. Rows are converted to linear light one at a time, where they are
+/// Pixel values of an image (DN). Rows are converted to linear light one at a time, where they are
 /// used.
 pub struct PixelValues<'a> {
-    /// [px]
+    /// (px)
     pub width: usize,
-    /// [px]
+    /// (px)
     pub height: usize,
     /// `None` where every pixel has all bands
     pub mosaic: Option<BayerPattern>,
@@ -199,7 +199,7 @@ impl<'a> PixelValues<'a> {
     }
 }
 
-/// Applies the inverse camera response to a row of pixel values [share of full scale].
+/// Applies the inverse camera response to a row of pixel values (share of full scale).
 fn invert_response(row: &mut [f32], transfer: Transfer, response: Option<&ResponseTable>) {
     match response {
         Some(response) => {

@@ -82,7 +82,7 @@ pub fn srgb_encode(light: f64) -> f64 {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shoulder {
-    /// k [share of white]; 1 clips
+    /// k (share of white); 1 clips
     pub knee: f64,
 }
 

@@ -1,4 +1,4 @@
-//! `sensor_msgs/CameraInfo`, `foxglove.CameraCalibration`: the camera calibration. K\[0\] = 0 means
+//! `sensor_msgs/CameraInfo`, `foxglove.CameraCalibration`: the camera calibration. `K[0]` = 0 means
 //! an uncalibrated camera, which is common. K describes the whole sensor; `roi` and `binning` give
 //! the part of it that the images show (0 means all of it, and unbinned). The message does not
 //! state whether the camera was calibrated in air or in water: the rig file does.

@@ -10,9 +10,9 @@ use crate::vehicle::DvlFacts;
 
 /// Columns and rows of the sampling grid.
 const GRID: (usize, usize) = (5, 4);
-/// Half the side of the window over which the median is taken [px].
+/// Half the side of the window over which the median is taken (px).
 const HALF_WINDOW_PX: usize = 2;
-/// Length of the parameters before the PNG in `compressedDepth` [byte].
+/// Length of the parameters before the PNG in `compressedDepth` (byte).
 const HEADER_BYTES: usize = 12;
 
 /// Whether an image message holds depth.

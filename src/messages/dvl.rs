@@ -14,15 +14,15 @@ use crate::diagnostics::RangeFact;
 use crate::units::SlantRange;
 use crate::vehicle::{Beam, DvlFacts, JanusArray, RangeKind};
 
-/// Angles between beams and axis of all known instruments [deg].
+/// Angles between beams and axis of all known instruments (deg).
 pub const SANE_JANUS_DEG: std::ops::RangeInclusive<f64> = 12.0..=35.0;
-/// Largest deviation of neighbouring azimuths from even spacing [deg].
+/// Largest deviation of neighbouring azimuths from even spacing (deg).
 const MAX_UNEVENNESS_DEG: f64 = 30.0;
-/// Nortek's marker for an invalid velocity [m/s].
+/// Nortek's marker for an invalid velocity (m/s).
 pub const NORTEK_BAD_VELOCITY: f64 = -32.768;
-/// Nortek's figure of merit of an invalid beam [m/s].
+/// Nortek's figure of merit of an invalid beam (m/s).
 pub const NORTEK_BAD_FOM: f64 = 10.0;
-/// A larger velocity over the seafloor is a marker for "none" [m/s].
+/// A larger velocity over the seafloor is a marker for "none" (m/s).
 const MAX_VELOCITY_M_PER_S: f64 = 10.0;
 
 /// Beam directions in the message.
@@ -33,7 +33,7 @@ pub enum Directions<'r> {
     Exact(Vec<Direction<Dvl>>),
     /// none; this instrument is assumed
     Assumed(&'r str),
-    /// only the Janus angle [deg]; the azimuths of this instrument are assumed
+    /// only the Janus angle (deg); the azimuths of this instrument are assumed
     Angle(f64, &'r str),
     /// none, and the instrument is unknown
     Unknown,
@@ -41,7 +41,7 @@ pub enum Directions<'r> {
 
 /// A message's ranges, without its flags and markers.
 pub struct Report<'r> {
-    /// one per beam [m]; `None` where the message marks it invalid
+    /// one per beam (m); `None` where the message marks it invalid
     pub ranges: Vec<Option<f64>>,
     /// by the type of message
     pub kind: RangeKind,
@@ -65,7 +65,7 @@ pub fn is_water_track(value: &Value<'_>) -> bool {
             .any(|p| value.flag(p) == Some(true))
 }
 
-/// The altitude beside the beams [m].
+/// The altitude beside the beams (m).
 fn altitude(value: &Value<'_>) -> Option<f64> {
     ["altitude", "avg_altitude", "report.altitude", "target.range.mean"]
         .iter()
@@ -73,7 +73,7 @@ fn altitude(value: &Value<'_>) -> Option<f64> {
         .filter(|a| a.is_finite() && *a > 0.0)
 }
 
-/// The velocity over the seafloor, along the instrument's axes [m/s].
+/// The velocity over the seafloor, along the instrument's axes (m/s).
 fn velocity(value: &Value<'_>) -> Option<Vector3<f64>> {
     let is_flagged =
         ["velocity_valid", "valid", "bottom_lock"].iter().any(|p| value.flag(p) == Some(false));

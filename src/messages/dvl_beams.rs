@@ -25,7 +25,7 @@ use crate::vehicle::{DvlFacts, RangeKind};
 const LISTS: &[&str] = &["beams", "transducers", "report.transducers", "dvl_velocity.transducers"];
 const RANGES: &[&str] = &["distance", "range.mean", "range.range", "range"];
 const FLAGS: &[&str] = &["valid", "beam_valid", "locked", "is_valid", "data_valid", "dist_valid"];
-/// The UUV simulator writes the limits of its sensor for a beam without a return [m].
+/// The UUV simulator writes the limits of its sensor for a beam without a return (m).
 const SIMULATOR_LIMITS_M: [f64; 2] = [0.7, 81.0];
 
 pub fn matches_distance(layout: &Layout, _topic: &str) -> bool {

@@ -13,7 +13,7 @@ use super::reading::{PingReading, missing};
 use super::value::Value;
 use crate::vehicle::{DvlFacts, RangeKind};
 
-/// Shorter ranges of `ds_sensor_msgs/Dvl` are not echoes [m].
+/// Shorter ranges of `ds_sensor_msgs/Dvl` are not echoes (m).
 const WHOI_MIN_RANGE_M: f64 = 0.25;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {

@@ -1,4 +1,4 @@
-//! `sensor_msgs/Imu`: attitude. orientation_covariance\[0\] = −1 or an all-zero quaternion means no
+//! `sensor_msgs/Imu`: attitude. `orientation_covariance[0]` = −1 or an all-zero quaternion means no
 //! attitude.
 
 use nalgebra::UnitQuaternion;

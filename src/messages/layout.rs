@@ -13,11 +13,11 @@ use super::value::same_name;
 pub enum Primitive {
     /// one byte
     Bool,
-    /// signed integer; size [byte]
+    /// signed integer; size (byte)
     Int(usize),
-    /// unsigned integer; size [byte]
+    /// unsigned integer; size (byte)
     UInt(usize),
-    /// IEEE float; size [byte]
+    /// IEEE float; size (byte)
     Float(usize),
     /// string, also bounded
     Text,

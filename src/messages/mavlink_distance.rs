@@ -15,7 +15,7 @@ use crate::vehicle::{Beam, DvlFacts, JanusArray};
 const INVALID: i64 = 1;
 /// `MAV_SENSOR_ROTATION_PITCH_270`: straight down.
 const DOWN: i64 = 25;
-/// Angle between beams and axis of the Water Linked A50, which the extension drives [deg].
+/// Angle between beams and axis of the Water Linked A50, which the extension drives (deg).
 const JANUS_DEG: f64 = 22.5;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {

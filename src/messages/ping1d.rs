@@ -6,7 +6,7 @@ use super::value::Value;
 use crate::diagnostics::RangeFact;
 use crate::vehicle::DvlFacts;
 
-/// Readings of a lower confidence are not reliable [%].
+/// Readings of a lower confidence are not reliable (%).
 const MIN_CONFIDENCE: f64 = 60.0;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {

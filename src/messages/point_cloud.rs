@@ -20,7 +20,7 @@ pub fn matches(layout: &Layout, _topic: &str) -> bool {
         && (layout.has("point_step") || layout.has("point_stride"))
 }
 
-/// Position of a coordinate in a point, and its size [byte].
+/// Position of a coordinate in a point, and its size (byte).
 #[derive(Clone, Copy)]
 struct Coordinate {
     offset: usize,

@@ -12,7 +12,7 @@ use crate::units::SlantRange;
 use crate::vehicle::{Beam, DvlFacts};
 
 /// The first echo of a cone wider than this may come from any direction inside it: the range is the
-/// shortest distance to the seafloor, an altitude [rad].
+/// shortest distance to the seafloor, an altitude (rad).
 const MAX_NARROW_RAD: f64 = 0.35;
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {

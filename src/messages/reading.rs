@@ -45,11 +45,11 @@ impl PingReading {
 /// Samples of a depth image.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DepthSamples {
-    /// of the image [px]
+    /// of the image (px)
     pub width: usize,
-    /// of the image [px]
+    /// of the image (px)
     pub height: usize,
-    /// column [px], row [px], depth along the optical axis [m]
+    /// column (px), row (px), depth along the optical axis (m)
     pub samples: Vec<[f64; 3]>,
 }
 

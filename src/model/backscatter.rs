@@ -12,7 +12,7 @@
 //! no frame showed (near the camera) carry the shown ones on as a Gaussian falls off, times η:
 //! their light is much the same in every frame, however high. The log tells η and ζ.
 //!
-//! In: image-plane coordinates x/z, y/z of the ray and ℓ_s [m]. Out: light in the unit of `c / (r ·
+//! In: image-plane coordinates x/z, y/z of the ray and ℓ_s (m). Out: light in the unit of `c / (r ·
 //! light)` of Eq. 15.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
@@ -29,17 +29,17 @@ const RAYS: (usize, usize) = (25, 19);
 const DISTANCES: usize = 64;
 /// Steps of the integral between two distances.
 const STEPS: usize = 3;
-/// A lamp is no point: nearer than this its light does not rise any more [m].
+/// A lamp is no point: nearer than this its light does not rise any more (m).
 const LEAST_DISTANCE_M: f64 = 0.1;
-/// The unseen part of a beam falls off at least like a Gaussian of this width [rad].
+/// The unseen part of a beam falls off at least like a Gaussian of this width (rad).
 const WIDEST_RAD: f64 = 1.0;
 
 /// Strength and attenuation of what is scattered back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backscatter {
-    /// b_Λ: scattered light over a white seafloor's, per metre of lit water [1/m]
+    /// b_Λ: scattered light over a white seafloor's, per metre of lit water (1/m)
     pub strength_per_m: Bands,
-    /// a_Λ [1/m]
+    /// a_Λ (1/m)
     pub attenuation_per_m: Bands,
     /// η and ζ
     pub shape: [f64; SHAPES],
@@ -101,7 +101,7 @@ pub struct Frustum {
     pub x: (f64, f64),
     /// least and largest y/z
     pub y: (f64, f64),
-    /// farthest seafloor [m]
+    /// farthest seafloor (m)
     pub farthest_m: f64,
 }
 
@@ -114,7 +114,7 @@ pub struct ScatterTable {
 }
 
 impl Frustum {
-    /// The smallest that holds all of these rays (x/z, y/z, distance [m]).
+    /// The smallest that holds all of these rays (x/z, y/z, distance (m)).
     pub fn around(rays: impl Iterator<Item = (f64, f64, f64)>) -> Self {
         let empty = Self { x: (0.0, 0.0), y: (0.0, 0.0), farthest_m: 0.0 };
         rays.fold(empty, |f, (x, y, s)| Self {

@@ -1,7 +1,7 @@
 //! The strobe's beam pattern: log BP on a square grid of (θ, φ), bilinear between nodes (paper
 //! §IV-C, Fig. 9).
 //!
-//! In: strobe angles [rad]. Out: natural log of the gain, peak 0. Nodes never seen are filled from
+//! In: strobe angles (rad). Out: natural log of the gain, peak 0. Nodes never seen are filled from
 //! the nearest seen ones, so that a correction is still defined there; they stay marked.
 
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use crate::geometry::StrobeAngles;
 pub struct BeamGrid {
     /// nodes per axis
     pub count: usize,
-    /// the grid reaches from −limit to +limit [rad]
+    /// the grid reaches from −limit to +limit (rad)
     pub limit_rad: f64,
 }
 
@@ -23,7 +23,7 @@ impl BeamGrid {
         Self { count, limit_rad: limit_deg.to_radians() }
     }
 
-    /// Angle of a node [rad].
+    /// Angle of a node (rad).
     pub fn angle(&self, index: usize) -> f64 {
         (2.0 * index as f64 / (self.count - 1) as f64 - 1.0) * self.limit_rad
     }

@@ -8,11 +8,11 @@ use crate::units::Stamp;
 /// α at one time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimeNode {
-    /// when [ns]
+    /// when (ns)
     pub stamp_ns: i64,
-    /// α [1/m] per band
+    /// α (1/m) per band
     pub attenuation_per_m: Vec<f64>,
-    /// its standard deviation [1/m]
+    /// its standard deviation (1/m)
     pub attenuation_std_per_m: Vec<f64>,
 }
 
@@ -22,12 +22,12 @@ pub struct TimeNode {
 pub struct AttenuationOverTime(pub Vec<TimeNode>);
 
 impl AttenuationOverTime {
-    /// α [1/m] at a time; `None` where it does not change.
+    /// α (1/m) at a time; `None` where it does not change.
     pub fn at(&self, stamp: Stamp) -> Option<Bands> {
         self.between(stamp, |n| &n.attenuation_per_m)
     }
 
-    /// Its standard deviation [1/m] at a time.
+    /// Its standard deviation (1/m) at a time.
     pub fn std_at(&self, stamp: Stamp) -> Option<Bands> {
         self.between(stamp, |n| &n.attenuation_std_per_m)
     }

@@ -23,13 +23,13 @@ pub const FORMAT: &str = "unwater-model";
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct EstimatorAnswer {
-    /// α [1/m] per band; `None` where it could not tell
+    /// α (1/m) per band; `None` where it could not tell
     pub attenuation_per_m: Option<Vec<f64>>,
-    /// standard deviation of it [1/m]
+    /// standard deviation of it (1/m)
     pub attenuation_std_per_m: Option<Vec<f64>>,
     /// matches, frames or observations it rests on
     pub observations: usize,
-    /// robust spread of what is left over [log light]
+    /// robust spread of what is left over (log light)
     pub residual: Option<f64>,
     /// other numbers, by name
     pub details: BTreeMap<String, f64>,
@@ -74,22 +74,22 @@ impl AttenuationKind {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ImageAnswer {
-    /// when it was taken [ns]
+    /// when it was taken (ns)
     pub stamp_ns: i64,
-    /// α [1/m] per band while BP ≈ 1
+    /// α (1/m) per band while BP ≈ 1
     pub before_beam_pattern_per_m: Vec<f64>,
-    /// α [1/m] per band with the beam pattern known
+    /// α (1/m) per band with the beam pattern known
     pub attenuation_per_m: Vec<f64>,
-    /// sum of squared differences of path length: its weight in the mean [m²]
+    /// sum of squared differences of path length: its weight in the mean (m²)
     pub weight_m2: f64,
 }
 
 /// The beam pattern's part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BeamPatternFile {
-    /// θ of the rows [deg]
+    /// θ of the rows (deg)
     pub theta_deg: Vec<f64>,
-    /// φ of the columns [deg]
+    /// φ of the columns (deg)
     pub phi_deg: Vec<f64>,
     /// natural log of the gain, peak 0, `null` where never seen
     pub log_gain: Vec<Vec<Option<f64>>>,
@@ -104,7 +104,7 @@ pub struct FrameGainFile {
     /// its log, an index of `inputs`
     #[serde(default)]
     pub input: usize,
-    /// its time [ns]
+    /// its time (ns)
     pub stamp_ns: i64,
     /// its light over its neighbours'
     pub gain: f64,
@@ -113,16 +113,16 @@ pub struct FrameGainFile {
 /// Where the strobe was taken to sit; the beam pattern's angles are about its axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StrobeFile {
-    /// place in the camera's optical space [m]
+    /// place in the camera's optical space (m)
     pub position_in_optical_m: [f64; 3],
     /// turn, optical_from_strobe, as a quaternion x, y, z, w
     pub rotation_xyzw: [f64; 4],
     /// the TF frame or file it came from, or `found`, `refined`, `camera` (nothing better was
     /// known)
     pub source: StrobeSource,
-    /// standard deviation of the place along the vehicle's axes, where it was searched for [m]
+    /// standard deviation of the place along the vehicle's axes, where it was searched for (m)
     pub position_std_m: Option<[f64; 3]>,
-    /// from where the search began to where it ended [m]
+    /// from where the search began to where it ended (m)
     pub moved_m: Option<f64>,
     /// the lamps, where there are several; the pose above is then the first's
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -132,7 +132,7 @@ pub struct StrobeFile {
 /// One of several lamps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LampFile {
-    /// place from the first, along its axes [m]
+    /// place from the first, along its axes (m)
     pub offset_m: [f64; 3],
     /// turn against the first, as a quaternion x, y, z, w
     pub rotation_xyzw: [f64; 4],
@@ -177,15 +177,15 @@ pub struct InputFile {
 /// they were given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MountCheckFile {
-    /// to add to the camera's stamps [s]
+    /// to add to the camera's stamps (s)
     pub clock_offset_s: f64,
-    /// its standard deviation [s]
+    /// its standard deviation (s)
     pub clock_offset_std_s: f64,
-    /// turn of the planes about the camera's x and y axes [deg]
+    /// turn of the planes about the camera's x and y axes (deg)
     pub turn_deg: [f64; 2],
-    /// standard deviations of those [deg]
+    /// standard deviations of those (deg)
     pub turn_std_deg: [f64; 2],
-    /// residual as given, and with these [log light]
+    /// residual as given, and with these (log light)
     pub residual: [f64; 2],
 }
 
@@ -193,11 +193,11 @@ pub struct MountCheckFile {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BackscatterFile {
     /// b: scattered light over a white seafloor's, per metre of lit water, in the unit of the log's
-    /// light [1/m]
+    /// light (1/m)
     pub strength_per_m: Vec<f64>,
-    /// its standard deviation [1/m]
+    /// its standard deviation (1/m)
     pub strength_std_per_m: Vec<f64>,
-    /// the attenuation it is subject to [1/m]
+    /// the attenuation it is subject to (1/m)
     pub attenuation_per_m: Vec<f64>,
     /// η and ζ: light from directions of the beam that no frame showed, and light scattered
     /// sideways (docs/method.md)
@@ -223,9 +223,9 @@ pub struct ModelFile {
     /// whether cos γ is modelled
     #[serde(default = "yes")]
     pub incidence: bool,
-    /// α [1/m]
+    /// α (1/m)
     pub attenuation_per_m: Vec<f64>,
-    /// its standard deviation [1/m]; `null` where the log cannot tell
+    /// its standard deviation (1/m); `null` where the log cannot tell
     pub attenuation_std_per_m: Vec<Option<f64>>,
     /// `physical` where spreading is modelled, else `effective`
     pub attenuation_kind: AttenuationKind,
@@ -316,7 +316,7 @@ fn rounded(v: f64) -> f64 {
     (v * 1e9).round() / 1e9
 }
 
-/// No water takes more light [1/m]; red in the open sea 0.5, in a harbour 5.
+/// No water takes more light (1/m); red in the open sea 0.5, in a harbour 5.
 const MOST_ATTENUATION_PER_M: f64 = 50.0;
 
 impl ModelFile {

@@ -11,7 +11,7 @@
 //! spreading α swallows it: the corrected pictures still look right, so α is called *effective*
 //! then and *physical* otherwise.
 //!
-//! In: light paths [m, rad]. Out: logarithms of relative light. The gain G and the lens L of Eq. 10
+//! In: light paths (m, rad). Out: logarithms of relative light. The gain G and the lens L of Eq. 10
 //! are constant over a log and end in its one exposure. What the water scatters back (Eq. 5, 6) is
 //! taken off before: `backscatter`.
 
@@ -66,7 +66,7 @@ impl SpreadingModel {
 pub struct ImagingModel {
     /// 1 (mono) or 3
     pub bands: usize,
-    /// α [1/m]: red, green, blue; the mean over the log
+    /// α (1/m): red, green, blue; the mean over the log
     pub attenuation_per_m: Bands,
     /// α(t), where the water changes along the log
     pub over_time: AttenuationOverTime,
@@ -94,7 +94,7 @@ impl ImagingModel {
         self.log_radiance_in(&self.attenuation_per_m, path, parts)
     }
 
-    /// The same in water of another attenuation \[1/m\].
+    /// The same in water of another attenuation (1/m).
     pub fn log_radiance_in(&self, alpha: &Bands, path: &LightPath, parts: Removal) -> Bands {
         let beam = |p: &LightPath| self.beam_pattern.log_gain(p.angles);
         let others = |p: &LightPath, parts: Removal| self.log_beside_beam(alpha, p, parts);

@@ -6,9 +6,9 @@ use crate::image::{ImageShape, encode};
 /// An 8-bit RGB image to draw on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Canvas {
-    /// [px]
+    /// (px)
     pub width: usize,
-    /// [px]
+    /// (px)
     pub height: usize,
     /// `height × width × 3`, row-major
     pub pixels: Vec<u8>,
@@ -68,12 +68,12 @@ impl Canvas {
         }
     }
 
-    /// Width of a line of text [px].
+    /// Width of a line of text (px).
     pub fn text_width(text: &str, scale: usize) -> usize {
         (text.chars().count() * (WIDTH + 1) * scale).saturating_sub(scale)
     }
 
-    /// Text truncated to a width [px], with an ellipsis.
+    /// Text truncated to a width (px), with an ellipsis.
     pub fn truncated(text: &str, scale: usize, width: usize) -> String {
         let max = (width + scale) / ((WIDTH + 1) * scale);
         if text.chars().count() <= max {
@@ -82,7 +82,7 @@ impl Canvas {
         text.chars().take(max.saturating_sub(2)).chain("..".chars()).collect()
     }
 
-    /// Text wrapped to a width [px]; longer words are truncated.
+    /// Text wrapped to a width (px); longer words are truncated.
     pub fn wrapped(text: &str, scale: usize, width: usize) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
         for word in text.split_whitespace() {

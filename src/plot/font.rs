@@ -3,9 +3,9 @@
 //! Rows from the top, five bits each, the left dot in the highest bit; two rows are below the
 //! baseline.
 
-/// Width of a glyph [dots].
+/// Width of a glyph (dots).
 pub const WIDTH: usize = 5;
-/// Height of a glyph [dots].
+/// Height of a glyph (dots).
 pub const HEIGHT: usize = 9;
 
 /// Glyphs of ' ' to '~'.

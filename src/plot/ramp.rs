@@ -9,7 +9,7 @@ pub enum Ramp {
     Plasma,
 }
 
-/// Colours at equal steps [sRGB].
+/// Colours at equal steps (sRGB).
 const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],
     [71, 44, 122],

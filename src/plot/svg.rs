@@ -93,12 +93,12 @@ pub enum Shape {
     Triangle,
 }
 
-/// Margins around the plotting area [SVG units].
+/// Margins around the plotting area (SVG units).
 const LEFT: f64 = 64.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 48.0;
 const RIGHT: f64 = 14.0;
-/// Width of the colour bar with its labels [SVG units].
+/// Width of the colour bar with its labels (SVG units).
 const BAR: f64 = 92.0;
 
 /// A plot; elements are added one by one.
@@ -107,7 +107,7 @@ pub struct Plot {
     description: String,
     x: Axis,
     y: Axis,
-    /// size of the plotting area [SVG units]
+    /// size of the plotting area (SVG units)
     field: (f64, f64),
     inside: String,
     legend: Vec<(String, Shape, String)>,
@@ -115,7 +115,7 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// A plot with a plotting area of size `field` [SVG units]; `description` is its accessible
+    /// A plot with a plotting area of size `field` (SVG units); `description` is its accessible
     /// name.
     pub fn new(description: &str, x: Axis, y: Axis, field: (f64, f64)) -> Self {
         Self {

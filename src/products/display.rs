@@ -6,11 +6,11 @@ use crate::image::transfer::{Shoulder, SrgbTable};
 use crate::image::{ImageShape, LinearImage, encode};
 use crate::stats::quantile;
 
-/// Display level of the bright end [share of white], and its quantile in the image.
+/// Display level of the bright end (share of white), and its quantile in the image.
 const BRIGHT_LEVEL: f64 = 0.75;
 const BRIGHT_QUANTILE: f64 = 0.995;
 
-/// Colours of sheets and posters [sRGB]: background, text, secondary text, no data, and bands.
+/// Colours of sheets and posters (sRGB): background, text, secondary text, no data, and bands.
 pub const PAPER: [u8; 3] = [250, 250, 248];
 pub const INK: [u8; 3] = [28, 33, 38];
 pub const SOFT: [u8; 3] = [100, 110, 118];
@@ -37,7 +37,7 @@ pub fn downscale(image: &LinearImage, max_side_px: usize) -> LinearImage {
     out
 }
 
-/// The image resampled to a width [px], each pixel the area-weighted mean of what it covers.
+/// The image resampled to a width (px), each pixel the area-weighted mean of what it covers.
 pub fn scaled(image: &LinearImage, width: usize) -> LinearImage {
     let height = (image.height * width).div_ceil(image.width.max(1)).max(1);
     let across = coverage(image.width, width);

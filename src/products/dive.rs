@@ -23,7 +23,7 @@ use crate::vehicle::RigFile;
 /// The seafloor below a frame, as `/unwater/seafloor` has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeafloorFacts {
-    /// root mean square distance of the returns from it [m]; NaN without redundant returns
+    /// root mean square distance of the returns from it (m); NaN without redundant returns
     pub residual_m: f64,
     /// what the plane rests on
     pub support: String,
@@ -32,7 +32,7 @@ pub struct SeafloorFacts {
 /// The result for one frame, as `/unwater/frame` has it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameRecord {
-    /// log time [ns]
+    /// log time (ns)
     pub log_time: u64,
     /// time of its header
     pub stamp: Stamp,
@@ -40,7 +40,7 @@ pub struct FrameRecord {
     pub corrected: bool,
     /// why not
     pub reason: String,
-    /// altitude of the camera [m]; NaN where no seafloor is known
+    /// altitude of the camera (m); NaN where no seafloor is known
     pub altitude_m: f64,
     /// seafloor below it
     pub seafloor: Option<SeafloorFacts>,

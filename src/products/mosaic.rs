@@ -240,7 +240,7 @@ fn place_frames(
     Ok((placed_frames, has_attitude))
 }
 
-/// Rotation about the vertical that turns the main direction of travel up [rad].
+/// Rotation about the vertical that turns the main direction of travel up (rad).
 fn yaw_of_travel(frames: &[PlacedFrame]) -> f64 {
     let positions: Vec<Vector3<f64>> =
         frames.iter().map(|f| f.world_from_body.translation.vector).collect();

@@ -18,7 +18,7 @@ use crate::recording::{Channel, Recording, Window};
 use crate::session::CameraSession;
 use crate::units::Stamp;
 
-/// Positions farther apart in time are not joined [s].
+/// Positions farther apart in time are not joined (s).
 const LONGEST_GAP_S: f64 = 3.0;
 /// Metres of a degree of latitude.
 pub const M_PER_DEG: f64 = 111_195.0;
@@ -36,9 +36,9 @@ pub struct Pose {
 pub struct Fix {
     /// when
     pub stamp: Stamp,
-    /// [deg]
+    /// (deg)
     pub latitude: f64,
-    /// [deg]
+    /// (deg)
     pub longitude: f64,
 }
 

@@ -28,7 +28,7 @@ use scatter::{Agreement, Pairs};
 pub enum FrameSelector {
     /// by number, from 0
     Number(usize),
-    /// nearest to a log time [ns]
+    /// nearest to a log time (ns)
     LogTime(u64),
 }
 
@@ -51,17 +51,17 @@ impl FrameSelector {
     }
 }
 
-/// Longer side at which methods are applied [px].
+/// Longer side at which methods are applied (px).
 const SIDE: usize = 1000;
 /// Maximum number of frames in mean frames.
 const MAX_MEAN_FRAMES: usize = 100;
 /// Maximum number of other frames to compare with.
 const MAX_OTHERS: usize = 4;
-/// Width of a tile's image, and gap between tiles [px].
+/// Width of a tile's image, and gap between tiles (px).
 const TILE_WIDTH: usize = 440;
 const GAP: i64 = 20;
 const COLUMNS: usize = 4;
-/// Height of the text above an image, and of the sheet's header [px].
+/// Height of the text above an image, and of the sheet's header (px).
 const CAPTION: i64 = 50;
 const HEAD: i64 = 100;
 
@@ -132,9 +132,9 @@ struct ComparedFrame {
     at: FrameRef,
     /// for its correction
     message: Message,
-    /// altitude of the camera [m]
+    /// altitude of the camera (m)
     altitude_m: f64,
-    /// width of the image [px]
+    /// width of the image (px)
     width: usize,
     samples: FrameSamples,
     raw: LinearImage,

@@ -36,7 +36,7 @@ impl Source {
         Ok(Self { file, length: metadata.len(), bytes_read: AtomicU64::new(0) })
     }
 
-    /// Length when it was opened [byte].
+    /// Length when it was opened (byte).
     pub fn length(&self) -> u64 {
         self.length
     }

@@ -16,7 +16,7 @@ const BEAM_REFINEMENT: usize = 8;
 /// Share of the beam pattern that the gain's grid need not follow: its rim, where single nodes are
 /// as rough as their noise.
 const BEAM_ROUGHEST_SHARE: f64 = 0.05;
-/// Beyond this distance the strobe adds nothing to the backscatter [m].
+/// Beyond this distance the strobe adds nothing to the backscatter (m).
 const BACKSCATTER_REACH_M: f64 = 12.0;
 
 /// A model, prepared for the frames of one camera.

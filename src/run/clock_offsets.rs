@@ -24,11 +24,11 @@ use crate::session::{CameraSession, Options, Silent};
 use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping, Rig, RigFile};
 
-/// Half width of the grid of offsets [s].
+/// Half width of the grid of offsets (s).
 const MAX_OFFSET_S: f64 = 3.0;
-/// Step of the grid [s].
+/// Step of the grid (s).
 const STEP_S: f64 = 0.05;
-/// Largest uncertainty of an offset, at three standard deviations [s].
+/// Largest uncertainty of an offset, at three standard deviations (s).
 const MAX_UNCERTAINTY_S: f64 = 0.1;
 /// Fewest observations.
 const MIN_OBSERVATIONS: usize = 12;
@@ -36,7 +36,7 @@ const MIN_OBSERVATIONS: usize = 12;
 const MIN_SHARE: f64 = 0.7;
 /// Most points used per pair of frames.
 const MAX_POINTS: usize = 60;
-/// Duration over which the slope of the seafloor is assumed constant [s].
+/// Duration over which the slope of the seafloor is assumed constant (s).
 const SEGMENT_S: f64 = 20.0;
 
 /// An estimated offset.
@@ -44,9 +44,9 @@ const SEGMENT_S: f64 = 20.0;
 pub enum ClockOffset {
     /// the data determine it
     Estimated {
-        /// to be added to the stamps [s]
+        /// to be added to the stamps (s)
         offset_s: f64,
-        /// standard deviation [s]
+        /// standard deviation (s)
         std_s: f64,
     },
     /// the data do not determine it
@@ -259,7 +259,7 @@ fn normals(
     pings.all().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()
 }
 
-/// Per ping: how far its normal in the world lies from the mean of its stretch [rad]. The attitude
+/// Per ping: how far its normal in the world lies from the mean of its stretch (rad). The attitude
 /// is `shift_s` later.
 fn turned_misfits(
     normals: &[(Stamp, Vector3<f64>)],

@@ -7,16 +7,16 @@ use crate::config::{Config, ImageFormat, Method};
 use super::pass_two::{CHUNKS_PER_THREAD, FRAMES_PER_THREAD};
 
 /// The program, its tables, the model, and an hour of pings and attitudes (48 bytes each attitude,
-/// some 120 each ping) [byte].
+/// some 120 each ping) (byte).
 const BASE: usize = 64 << 20;
 /// A picture of 8 bits while it is decoded, corrected and encoded in pass two, per pixel: codes
-/// before and after, and what becomes of them [byte].
+/// before and after, and what becomes of them (byte).
 const CORRECT_PER_PIXEL: usize = 12;
 /// Any other picture, one that a baseline works on, and every picture in pass one: its light as
-/// well [byte].
+/// well (byte).
 const LIGHT_PER_PIXEL: usize = 20;
 /// What pass one keeps of a frame: keypoints with what they look like, samples of the ground
-/// [byte].
+/// (byte).
 const SAMPLES_PER_FRAME: usize = 2 << 20;
 
 /// What decides on a run's memory.
@@ -26,13 +26,13 @@ pub struct Load {
     pub threads: usize,
     /// pixels of a picture
     pub pixels: usize,
-    /// a picture's message in the input [byte]
+    /// a picture's message in the input (byte)
     pub source_bytes: usize,
     /// frames that pass one keeps samples of; 0 where the model is given
     pub pass_one_frames: usize,
 }
 
-/// A bound in its parts [byte].
+/// A bound in its parts (byte).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bound {
     /// the program itself

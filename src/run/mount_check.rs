@@ -7,7 +7,7 @@ use crate::estimate::MountFit;
 use crate::model::MountCheckFile;
 use crate::vehicle::Rig;
 
-/// What the log contradicts. `offset_s` is added to the stamps of the camera already [s].
+/// What the log contradicts. `offset_s` is added to the stamps of the camera already (s).
 pub fn mount_diagnostics(
     found: &MountFit,
     rig: &Rig,

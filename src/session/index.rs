@@ -39,7 +39,7 @@ pub struct ChannelIndex {
     pub frame_id: String,
     /// image encoding and size, in one line
     pub description: String,
-    /// median of header time − log time [s]
+    /// median of header time − log time (s)
     pub clock_offset_s: Option<f64>,
     /// number of messages without a stamp, or with one of 0
     pub unstamped: u64,
@@ -49,7 +49,7 @@ pub struct ChannelIndex {
     pub bits_used: u16,
     /// bytes of the largest image message
     pub largest_image_bytes: usize,
-    /// width and height of the first image [px]
+    /// width and height of the first image (px)
     pub image_size: Option<(usize, usize)>,
     /// file format of the images
     pub container: Option<Container>,
@@ -73,7 +73,7 @@ pub struct LogIndex {
     pub damage: Vec<Damage>,
     /// number of messages in the window
     pub messages: u64,
-    /// first and last log time in the window [ns]
+    /// first and last log time in the window (ns)
     pub span: Option<(u64, u64)>,
     /// number of messages whose channel is not declared
     pub undeclared: u64,
@@ -156,7 +156,7 @@ struct Scan<'s> {
     dvl: &'s DvlFacts,
     index: LogIndex,
     readings: Readings,
-    /// header time − log time of every stamped message, by channel [s]
+    /// header time − log time of every stamped message, by channel (s)
     clock_offsets: BTreeMap<u16, Vec<f64>>,
     /// channels whose first message has been examined
     examined: BTreeSet<u16>,
@@ -365,7 +365,7 @@ impl ChannelIndex {
         self.frames.push(frame);
     }
 
-    /// Full scale of 16-bit images, from the bits they use [DN]; `None` for 8-bit ones.
+    /// Full scale of 16-bit images, from the bits they use (DN); `None` for 8-bit ones.
     pub fn white_level(&self) -> Option<u16> {
         (self.bits_used != 0).then(|| white_level(self.bits_used))
     }

@@ -10,7 +10,7 @@ use crate::units::Stamp;
 use crate::vehicle::Ping;
 
 /// Attitudes nearer in time than this are left out: they add no information, and hours at hundreds
-/// a second would fill the memory [s].
+/// a second would fill the memory (s).
 const MIN_ATTITUDE_INTERVAL_S: f64 = 0.015;
 
 /// Measurements by channel id.

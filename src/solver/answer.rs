@@ -11,11 +11,11 @@ use crate::model::Backscatter;
 /// The answer of the joint solve.
 #[derive(Clone, Debug)]
 pub struct JointAnswer {
-    /// α \[1/m\] per band, the mean over the frames
+    /// α (1/m) per band, the mean over the frames
     pub attenuation_per_m: Bands,
-    /// its standard deviation \[1/m\]
+    /// its standard deviation (1/m)
     pub std_per_m: Bands,
-    /// the same for red − green and green − blue \[1/m\]
+    /// the same for red − green and green − blue (1/m)
     pub difference_std_per_m: [f64; 2],
     /// α and its standard deviation at each node in time; one node where it does not change
     pub over_time: Vec<(Bands, Bands)>,
@@ -29,9 +29,9 @@ pub struct JointAnswer {
     pub tracks: usize,
     /// observations used
     pub observations: usize,
-    /// robust spread of the residuals \[log light\]
+    /// robust spread of the residuals (log light)
     pub residual: f64,
-    /// root mean square difference of path length within a track \[m\]
+    /// root mean square difference of path length within a track (m)
     pub path_spread_m: f64,
 }
 

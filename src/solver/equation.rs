@@ -35,13 +35,13 @@ pub struct PathTerms {
     pub nodes: [(usize, f64); 4 * MAX_LAMPS],
     /// four per lamp
     pub nodes_used: usize,
-    /// ℓ \[m\]
+    /// ℓ (m)
     pub length_m: f64,
     /// log ℓ_a, ℓ_a in metres
     pub log_strobe_leg: f64,
     /// spreading and cos γ; of several lamps also the remainder of the linearised sum, per band
     pub geometry: Bands,
-    /// ℓ_s \[m\]
+    /// ℓ_s (m)
     pub seafloor_to_camera_m: f64,
     /// the lamps, where there are several
     pub legs: Vec<LampTerms>,
@@ -54,7 +54,7 @@ pub struct LampTerms {
     pub nodes: [(usize, f64); 4],
     /// spreading, cos γ and the log of the lamp's share of the light
     pub log_geometry: f64,
-    /// ℓ_a \[m\]
+    /// ℓ_a (m)
     pub length_m: f64,
 }
 
@@ -154,7 +154,7 @@ pub type LogBeam<'f> = dyn Fn(&[(usize, f64)]) -> f64 + 'f;
 pub struct LampState<'s> {
     /// 1 or 3
     pub bands: usize,
-    /// α at the observation's frame \[1/m\]
+    /// α at the observation's frame (1/m)
     pub attenuation_per_m: Bands,
     /// the strobe leg's spreading exponent, where it is an unknown, else 0
     pub exponent: f64,

@@ -26,7 +26,7 @@ pub struct Minimum {
     pub point: Vector3<f64>,
     /// standard deviation of each
     pub std: Vector3<f64>,
-    /// residual at the start and at the minimum \[log light\]
+    /// residual at the start and at the minimum (log light)
     pub residual: [f64; 2],
 }
 

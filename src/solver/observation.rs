@@ -8,9 +8,9 @@ use crate::vehicle::Lamps;
 /// light path is derived on demand.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// the point, in body space at the frame's time \[m\]
+    /// the point, in body space at the frame's time (m)
     pub hit: Point<Body>,
-    /// ℓ_s \[m\]
+    /// ℓ_s (m)
     pub seafloor_to_camera_m: f64,
     /// normal of the seafloor there
     pub normal: Direction<Body>,

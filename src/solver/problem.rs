@@ -34,16 +34,16 @@ pub struct Problem<'s> {
     weights: Vec<Bands>,
 }
 
-/// Values of the unknowns, and the robust spread of the residuals \[log light\].
+/// Values of the unknowns, and the robust spread of the residuals (log light).
 pub struct Solution {
     pub(super) values: DVector<f64>,
-    /// robust spread of the residuals \[log light\]
+    /// robust spread of the residuals (log light)
     pub residual: f64,
 }
 
 /// A solution in terms of the model.
 pub struct Fit {
-    /// α \[1/m\], the mean over the frames
+    /// α (1/m), the mean over the frames
     pub attenuation_per_m: Bands,
     /// b_Λ and the shape of S_Λ
     pub backscatter: Backscatter,
@@ -322,7 +322,7 @@ fn is_inside(setup: &Setup<'_>, path: &LightPath) -> bool {
     path.all_angles().all(|a| setup.grid.holds(a))
 }
 
-/// The largest b that the darkest observations allow \[1/m\].
+/// The largest b that the darkest observations allow (1/m).
 fn darkest(equations: &[Equation], state: &Backscatter) -> Bands {
     let unit = Backscatter { strength_per_m: [1.0; 3], ..*state };
     std::array::from_fn(|b| {

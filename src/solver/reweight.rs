@@ -12,7 +12,7 @@ const MIN_CLASS: usize = 30;
 /// A class has at least this share of the overall spread.
 const MIN_CLASS_SPREAD: f64 = 0.2;
 
-/// Weights of y from residuals of log c, and the overall robust spread \[log light\].
+/// Weights of y from residuals of log c, and the overall robust spread (log light).
 pub fn reweight(equations: &[Equation], residuals: &[Bands], bands: usize) -> (Vec<Bands>, f64) {
     let all: Vec<f64> = residuals.iter().flat_map(|r| r[..bands].iter().copied()).collect();
     let spread = stats::robust_std(&all);

@@ -12,7 +12,7 @@ use crate::units::Stamp;
 pub struct AttitudeTrack {
     /// `world_from_body`
     samples: Vec<(Stamp, UnitQuaternion<f64>)>,
-    /// farthest sample that is used, in time [s]
+    /// farthest sample that is used, in time (s)
     max_gap_s: f64,
 }
 

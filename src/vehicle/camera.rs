@@ -234,17 +234,17 @@ impl Calibration {
 /// A calibrated camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// image width [px]
+    /// image width (px)
     pub width: usize,
-    /// image height [px]
+    /// image height (px)
     pub height: usize,
-    /// focal length along x [px]
+    /// focal length along x (px)
     pub fx: f64,
-    /// focal length along y [px]
+    /// focal length along y (px)
     pub fy: f64,
-    /// principal point [px]
+    /// principal point (px)
     pub cx: f64,
-    /// principal point [px]
+    /// principal point (px)
     pub cy: f64,
     /// lens distortion
     pub distortion: Distortion,

@@ -13,7 +13,7 @@ pub const MAX_LAMPS: usize = 4;
 /// One of several lamps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {
-    /// position relative to the first lamp, in its axes [m]
+    /// position relative to the first lamp, in its axes (m)
     pub offset: Vector3<f64>,
     /// rotation relative to the first lamp
     pub rotation: UnitQuaternion<f64>,
@@ -62,7 +62,7 @@ impl Lamps {
         self.body_from_strobe
     }
 
-    /// Position of the first lamp [m].
+    /// Position of the first lamp (m).
     pub fn origin(&self) -> Point<Body> {
         self.body_from_strobe.origin()
     }
@@ -87,7 +87,7 @@ impl Lamps {
         })
     }
 
-    /// The same lamps with the first at another position in the body [m]; rotations are unchanged.
+    /// The same lamps with the first at another position in the body (m); rotations are unchanged.
     pub fn moved_to(&self, position: Vector3<f64>) -> Self {
         let mut isometry = self.isometry();
         isometry.translation.vector = position;

@@ -13,7 +13,7 @@ pub struct SettingSeries {
     pub values: Vec<(Stamp, f64)>,
 }
 
-/// A setting within this time of a frame belongs to that frame [s].
+/// A setting within this time of a frame belongs to that frame (s).
 const SAME_FRAME_S: f64 = 0.05;
 
 impl SettingSeries {

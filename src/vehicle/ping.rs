@@ -27,7 +27,7 @@ pub struct Ping {
     pub beams: Vec<Beam>,
     /// reported altitude, where there are no beams
     pub altitude: Option<Altitude>,
-    /// of the instrument over ground, along its own axes [m/s]
+    /// of the instrument over ground, along its own axes (m/s)
     pub velocity_m_per_s: Option<Vector3<f64>>,
 }
 
@@ -54,14 +54,14 @@ pub enum RangeKind {
 /// boresight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JanusArray {
-    /// angle between beam and boresight [deg]
+    /// angle between beam and boresight (deg)
     pub janus_angle_deg: f64,
-    /// azimuth of each beam in message order, from x towards y [deg]
+    /// azimuth of each beam in message order, from x towards y (deg)
     pub azimuths_deg: Vec<f64>,
 }
 
 impl JanusArray {
-    /// Known instruments: name in `rig.toml`, Janus angle [deg], azimuths [deg]. Sources: the
+    /// Known instruments: name in `rig.toml`, Janus angle (deg), azimuths (deg). Sources: the
     /// vendors' manuals.
     pub const KNOWN: &[(&str, f64, &[f64])] = &[
         ("waterlinked-a50", 22.5, &[135.0, -135.0, -45.0, 45.0]),

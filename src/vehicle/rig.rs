@@ -79,7 +79,7 @@ impl From<StrobeSource> for String {
 }
 
 impl StrobeMount {
-    /// Position of the (first) strobe in the body [m].
+    /// Position of the (first) strobe in the body (m).
     pub fn position(&self) -> Point<Body> {
         self.lamps.origin()
     }
@@ -89,12 +89,12 @@ impl StrobeMount {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MountFacts {
-    /// position in the body [m]
+    /// position in the body (m)
     pub translation_m: [f64; 3],
     /// rotation as a quaternion x, y, z, w
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation_xyzw: Option<[f64; 4]>,
-    /// rotation about the body's fixed x, y, z axes [deg], applied in this order
+    /// rotation about the body's fixed x, y, z axes (deg), applied in this order
     #[serde(skip_serializing_if = "Option::is_none")]
     pub roll_pitch_yaw_deg: Option<[f64; 3]>,
 }
@@ -147,23 +147,23 @@ const REFRACTIVE_INDEX: f64 = 1.33;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFacts {
-    /// image size of the calibration [px]
+    /// image size of the calibration (px)
     pub width: Option<usize>,
-    /// image size of the calibration [px]
+    /// image size of the calibration (px)
     pub height: Option<usize>,
-    /// focal length [px]
+    /// focal length (px)
     pub fx: Option<f64>,
-    /// focal length [px]; `fx` where absent
+    /// focal length (px); `fx` where absent
     pub fy: Option<f64>,
-    /// principal point [px]; the image centre where absent
+    /// principal point (px); the image centre where absent
     pub cx: Option<f64>,
-    /// principal point [px]; the image centre where absent
+    /// principal point (px); the image centre where absent
     pub cy: Option<f64>,
     /// plumb_bob, rational_polynomial, equidistant or fisheye62
     pub distortion_model: Option<String>,
     /// coefficients in ROS order
     pub distortion: Option<Vec<f64>>,
-    /// approximate calibration by the horizontal field of view [deg]
+    /// approximate calibration by the horizontal field of view (deg)
     pub horizontal_field_of_view_deg: Option<f64>,
     /// medium of the calibration, also of one from the log; water where absent. For air a flat port
     /// is assumed
@@ -178,10 +178,10 @@ pub struct CameraFacts {
     /// measured response, instead of `light.transfer`
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<ResponseFacts>,
-    /// full well at the gain in use, for the noise model only [electrons]
+    /// full well at the gain in use, for the noise model only (electrons)
     #[serde(skip_serializing_if = "Option::is_none")]
     pub full_well_e: Option<f64>,
-    /// read noise [electrons]
+    /// read noise (electrons)
     #[serde(skip_serializing_if = "Option::is_none")]
     pub read_noise_e: Option<f64>,
     /// extrinsics
@@ -233,17 +233,17 @@ impl Vignetting {
 pub struct DvlFacts {
     /// known instrument (`waterlinked-a50`) whose beam geometry replaces the message's
     pub beams: Option<String>,
-    /// angle between beams and boresight, for an instrument that is not known by name [deg]
+    /// angle between beams and boresight, for an instrument that is not known by name (deg)
     pub janus_angle_deg: Option<f64>,
-    /// azimuth of each beam in message order, from x towards y [deg]
+    /// azimuth of each beam in message order, from x towards y (deg)
     pub azimuths_deg: Option<Vec<f64>>,
     /// actual speed of sound divided by the one configured in the instrument
     pub sound_speed_ratio: Option<f64>,
     /// meaning of the ranges, overriding the message type
     pub ranges: Option<RangeKind>,
-    /// ranges at or below this are no return [m]
+    /// ranges at or below this are no return (m)
     pub min_range_m: Option<f64>,
-    /// ranges at or above this are no return [m]: simulators report their maximum range for a lost
+    /// ranges at or above this are no return (m): simulators report their maximum range for a lost
     /// beam
     pub max_range_m: Option<f64>,
     /// raw values of the message that mean "no return"
@@ -275,12 +275,12 @@ pub struct StrobeFacts {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampFacts {
-    /// position in the body [m]
+    /// position in the body (m)
     pub translation_m: [f64; 3],
     /// rotation as a quaternion x, y, z, w; that of the camera where no rotation is given
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rotation_xyzw: Option<[f64; 4]>,
-    /// rotation about the body's fixed x, y, z axes [deg]
+    /// rotation about the body's fixed x, y, z axes (deg)
     #[serde(skip_serializing_if = "Option::is_none")]
     pub roll_pitch_yaw_deg: Option<[f64; 3]>,
     /// relative power
@@ -335,7 +335,7 @@ pub struct RigFile {
     /// extrinsics of the lamps
     #[serde(default)]
     pub strobe: StrobeFacts,
-    /// clock correction by topic: seconds to add to its stamps [s]
+    /// clock correction by topic: seconds to add to its stamps (s)
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub time_offset_s: BTreeMap<String, f64>,
 }

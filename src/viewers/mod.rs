@@ -33,11 +33,11 @@ pub struct CameraTopics {
     pub strobe_beam: Option<String>,
     /// frame id of the seafloor
     pub seafloor_frame: Option<String>,
-    /// array of numbers, one per band [1/m]
+    /// array of numbers, one per band (1/m)
     pub attenuation: Option<String>,
-    /// camera altitude [m]
+    /// camera altitude (m)
     pub altitude: Option<String>,
-    /// residual of the seafloor plane [m]
+    /// residual of the seafloor plane (m)
     pub residual: Option<String>,
     /// number of bands
     pub bands: usize,

@@ -52,7 +52,7 @@ fn by_another_encoder(
     file
 }
 
-/// Mean and largest difference of pixel values [DN].
+/// Mean and largest difference of pixel values (DN).
 fn differences(a: &[u8], b: &[u8]) -> [f64; 2] {
     assert_eq!(a.len(), b.len());
     let off = a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b)));
@@ -66,7 +66,7 @@ fn decoded_by_turbo(file: &[u8]) -> Vec<u8> {
 }
 
 /// Largest values over all sizes: mean and largest error of the pixels that `image` reads, and
-/// largest difference to what libjpeg-turbo-rs reads [DN].
+/// largest difference to what libjpeg-turbo-rs reads (DN).
 fn worst(format: PixelFormat, ours: Subsampling, other: SamplingFactor) -> [f64; 3] {
     let (bands, color) =
         if format == PixelFormat::Rgb { (3, ColorType::Rgb) } else { (1, ColorType::Luma) };
@@ -91,7 +91,7 @@ fn worst(format: PixelFormat, ours: Subsampling, other: SamplingFactor) -> [f64;
     worst
 }
 
-/// By how much the mean error may exceed the other encoder's [DN].
+/// By how much the mean error may exceed the other encoder's (DN).
 const BEHIND_OTHER: f64 = 1.0;
 
 fn assert_worst(what: &str, worst: [f64; 3], bounds: [f64; 3]) {

@@ -155,7 +155,7 @@ fn a_calibration_in_air_is_refracted_and_kept_by_its_rig_file() {
 const IMAGE: &str = "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 \
                      is_bigendian\nuint32 step\nuint8[] data\n";
 
-/// Adds a depth image before each frame of a dive: a seafloor so far from the camera [m], square to
+/// Adds a depth image before each frame of a dive: a seafloor so far from the camera (m), square to
 /// its axis.
 fn add_depth(source: &Path, target: &Path, depth_m: f64) {
     let recording = Recording::open(source).unwrap();

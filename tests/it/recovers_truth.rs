@@ -16,7 +16,7 @@ fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
 /// Largest accepted errors, 1.5 times those measured. Those of attenuation are never below
 /// 0.001 per metre, as the error of a single dive may be small by chance.
 struct Bounds<'a> {
-    /// per band [1/m]
+    /// per band (1/m)
     attenuation_per_m: &'a [f64],
     /// RMSE of the logarithm of the beam pattern
     beam_log: f64,

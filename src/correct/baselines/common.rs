@@ -2,15 +2,15 @@
 
 use crate::image::LinearImage;
 
-/// Level to which a method scales its mean [share of white].
+/// Level to which a method scales its mean (share of white).
 pub const MEAN_LEVEL: f64 = 0.25;
-/// Level to which a method scales its white [share of white].
+/// Level to which a method scales its white (share of white).
 pub const WHITE_LEVEL: f64 = 0.9;
-/// Lower bound before logarithms [share of full scale]; about half a DN at 12 bits.
+/// Lower bound before logarithms (share of full scale); about half a DN at 12 bits.
 pub const MIN_LIGHT: f32 = 1e-4;
 
 /// Block means of log light of one band, with at most `side` blocks along the longer side; columns
-/// and rows of blocks; and the block size [px].
+/// and rows of blocks; and the block size (px).
 pub fn log_blocks(
     image: &LinearImage,
     band: usize,

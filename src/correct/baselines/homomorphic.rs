@@ -1,5 +1,5 @@
 //! Baseline: homomorphic filtering (paper §III-B, Eq. 12; Singh, Roman, Pizarro, Eustice & Can
-//! 2007, its [16]).
+//! 2007, its reference 16).
 //!
 //! ```text
 //! log c = log I + log r,   log I ≈ low-pass of log c       a Gaussian, band by band
@@ -11,12 +11,12 @@
 use super::common::{MEAN_LEVEL, MIN_LIGHT, log_blocks};
 use crate::image::LinearImage;
 
-/// Standard deviation of the low-pass [share of the longer side]; about the size of a strobe's
+/// Standard deviation of the low-pass (share of the longer side); about the size of a strobe's
 /// cone.
 const SIGMA_SHARE: f64 = 0.125;
 /// Blocks along the longer side.
 const SIDE: usize = 128;
-/// Truncation of the Gaussian [standard deviations], SciPy's default.
+/// Truncation of the Gaussian (standard deviations), SciPy's default.
 const REACH: f64 = 4.0;
 
 /// Removes the low-pass of log light.

@@ -1,6 +1,6 @@
-//! Baseline: homomorphic filtering with a fitted surface (paper §III-B, Eq. 12; after its [17]):
-//! log I is a polynomial of column and row, fitted to log c by least squares, per band. Smoother
-//! than a low-pass, hence no haloes; it cannot represent a beam with a sharp edge.
+//! Baseline: homomorphic filtering with a fitted surface (paper §III-B, Eq. 12; after its reference
+//! 17): log I is a polynomial of column and row, fitted to log c by least squares, per band.
+//! Smoother than a low-pass, hence no haloes; it cannot represent a beam with a sharp edge.
 
 use nalgebra::{DMatrix, DVector};
 

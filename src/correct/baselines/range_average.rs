@@ -1,5 +1,6 @@
 //! Baseline: division by the mean of frames at similar altitude (paper §III-E, after Rock, Honig,
-//! Stewart, Gallager & York, "Illumination correction for HabCam imagery", unpublished: its [33]).
+//! Stewart, Gallager & York, "Illumination correction for HabCam imagery", unpublished: its
+//! reference 33).
 //!
 //! One altitude per frame, that of the camera over the plane, in bins; the bins of the source are
 //! not published. Valid over level seafloor; it fails where the seafloor is tilted against the
@@ -10,7 +11,7 @@ use std::collections::BTreeMap;
 use super::frame_average::{FrameAverage, divide_by};
 use crate::image::LinearImage;
 
-/// Width of a bin [m]. Light changes by up to 10 % within a wider bin; a narrower one has too few
+/// Width of a bin (m). Light changes by up to 10 % within a wider bin; a narrower one has too few
 /// frames.
 const BIN_M: f64 = 0.2;
 /// A bin with fewer frames is merged with its neighbours; a frame would otherwise be divided by

@@ -32,24 +32,24 @@ const SEGMENTS: usize = 10;
 /// The estimate of the slopes.
 #[derive(Clone, Debug, Default)]
 struct AltitudeAnswer {
-    /// α \[1/m\] per band
+    /// α (1/m) per band
     attenuation_per_m: Bands,
-    /// from the spread between segments of frames \[1/m\]
+    /// from the spread between segments of frames (1/m)
     std_per_m: Bands,
-    /// the paper's own number: −half the slope of log channel means against altitude \[1/m\]
+    /// the paper's own number: −half the slope of log channel means against altitude (1/m)
     effective_by_channel_means_per_m: Bands,
     /// cells × frames used
     observations: usize,
-    /// robust spread of the residuals \[log light\]
+    /// robust spread of the residuals (log light)
     residual: f64,
-    /// path length beyond which cells were left out \[m\]
+    /// path length beyond which cells were left out (m)
     farthest_m: f64,
 }
 
 /// One cell of one frame; in `rows` less the cell's mean over the frames.
 struct Cell {
     frame: usize,
-    /// ℓ \[m\]
+    /// ℓ (m)
     length_m: f64,
     /// log c without the known parts
     y: Bands,

@@ -19,15 +19,15 @@ pub type Method = fn(&Dataset<'_>, BeamGrid, &EstimateConfig) -> Result<Candidat
 /// One estimator's answer, as a complete model.
 pub struct Candidate {
     pub model: ImagingModel,
-    /// standard deviation of α \[1/m\]
+    /// standard deviation of α (1/m)
     pub std_per_m: Bands,
     /// for `model.json`
     pub answer: EstimatorAnswer,
-    /// root mean square difference of path length within a track \[m\]
+    /// root mean square difference of path length within a track (m)
     pub path_spread_m: Option<f64>,
     /// largest factor by which common-mode errors widen the standard deviations
     pub inflation: f64,
-    /// α and its standard deviation from the lower half of the frames \[1/m\]
+    /// α and its standard deviation from the lower half of the frames (1/m)
     pub low_frames: Option<(Bands, Bands)>,
 }
 
@@ -74,7 +74,7 @@ fn enough_tracks(data: &Dataset<'_>, config: &EstimateConfig) -> Result<(), NoAn
     if tracks < needed { Err(NoAnswer::FewTracks { tracks, needed }) } else { Ok(()) }
 }
 
-/// α that changes by less from sweep to sweep is final \[1/m\].
+/// α that changes by less from sweep to sweep is final (1/m).
 const SETTLED_PER_M: f64 = 1e-4;
 
 /// Log radiance without attenuation → an answer.

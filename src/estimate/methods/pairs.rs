@@ -29,22 +29,22 @@ const MAX_IMAGES: usize = 300;
 struct ImageAttenuation {
     /// index into the frames' samples
     frame: u32,
-    /// α \[1/m\] per band
+    /// α (1/m) per band
     attenuation_per_m: Bands,
-    /// sum of squared differences of path length \[m²\]
+    /// sum of squared differences of path length (m²)
     weight: f64,
 }
 
 /// The estimate of all pairs.
 #[derive(Clone, Debug, Default)]
 struct PairsAnswer {
-    /// α \[1/m\] per band
+    /// α (1/m) per band
     attenuation_per_m: Bands,
-    /// spread of the images' estimates over √images \[1/m\]
+    /// spread of the images' estimates over √images (1/m)
     std_per_m: Bands,
     /// pairs used
     pairs: usize,
-    /// robust spread of the residuals \[log light\]
+    /// robust spread of the residuals (log light)
     residual: f64,
     /// Fig. 8's points
     by_image: Vec<ImageAttenuation>,
@@ -53,7 +53,7 @@ struct PairsAnswer {
 /// Two observations of one point.
 struct Pair {
     frame: u32,
-    /// ℓ_2 − ℓ_1 \[m\]
+    /// ℓ_2 − ℓ_1 (m)
     length_m: f64,
     /// y_1 − y_2 per band
     y: Bands,

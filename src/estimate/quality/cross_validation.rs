@@ -13,7 +13,7 @@ const EVERY: u32 = 3;
 /// Reweightings of the solve.
 const ROUNDS: usize = 5;
 
-/// Residuals of held-out views \[log light\]; `None` where the others do not determine the solve.
+/// Residuals of held-out views (log light); `None` where the others do not determine the solve.
 pub fn residuals(
     tracks: &[Track],
     setup: &Setup<'_>,
@@ -43,7 +43,7 @@ pub fn residuals(
     Some(residuals)
 }
 
-/// Mean Cauchy loss of residuals over a spread \[log light\].
+/// Mean Cauchy loss of residuals over a spread (log light).
 fn loss(residuals: &[f64], spread: f64) -> f64 {
     residuals.iter().map(|e| (1.0 + (e / (2.0 * spread)).powi(2)).ln()).sum::<f64>()
         / residuals.len().max(1) as f64

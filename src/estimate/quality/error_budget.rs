@@ -7,7 +7,7 @@ use crate::image::Bands;
 use crate::solver::{Observation, Setup, Track, sample_path, solve};
 
 /// Error of planes, attitudes and the beam's grid, common to all points of a few seconds, which
-/// turns into α by the spread of path lengths. By rendered dives \[log light\].
+/// turns into α by the spread of path lengths. By rendered dives (log light).
 const COMMON_LOG_ERROR: f64 = 0.004;
 /// The same where terrain is followed: altitudes between the returns are interpolated, and ridges
 /// come out too gentle.
@@ -23,7 +23,7 @@ const COMMON_OVER_SINGLE: f64 = 2.0;
 /// Reweightings of a solve of which only the size of a difference matters.
 pub const FEW_ROUNDS: usize = 4;
 
-/// Common-mode errors of α and of its differences between bands \[1/m\].
+/// Common-mode errors of α and of its differences between bands (1/m).
 pub fn common_errors(
     data: &Dataset<'_>,
     without_backscatter: Option<Bands>,
@@ -46,7 +46,7 @@ pub fn common_errors(
     (std::array::from_fn(of_band), std::array::from_fn(between))
 }
 
-/// Error of the geometry as an error of α \[1/m\], by the number of independent moments and the
+/// Error of the geometry as an error of α (1/m), by the number of independent moments and the
 /// spread of path lengths.
 fn geometry_error_per_m(data: &Dataset<'_>) -> f64 {
     let altitudes = || data.frames.iter().map(|f| f.camera_altitude_m);
@@ -61,7 +61,7 @@ fn geometry_error_per_m(data: &Dataset<'_>) -> f64 {
     log_error / (path_std_m * (data.moments() as f64).sqrt()).max(1e-9)
 }
 
-/// Slope over path length of the log light of an error in pixel values: α absorbs it \[1/m\].
+/// Slope over path length of the log light of an error in pixel values: α absorbs it (1/m).
 fn value_error_per_m(data: &Dataset<'_>, band: usize) -> f64 {
     // The sRGB curve, which is near any gamma: light ∝ value^2.4.
     let log_light = |o: &Observation| {

@@ -8,14 +8,14 @@ use crate::image::Bands;
 
 /// With fewer frames neither backscatter nor changes of the light can be recognised.
 pub const MIN_FRAMES: usize = 12;
-/// Smallest difference of path length within the tracks \[m\].
+/// Smallest difference of path length within the tracks (m).
 const MIN_PATH_SPREAD_M: f64 = 0.05;
 /// α of the lower half of the frames may differ from that of all by this much, whatever the noise
-/// \[1/m\].
+/// (1/m).
 const MIN_DIFFERENCE_PER_M: f64 = 0.03;
 /// Backscatter that is not modelled may change α by this share.
 const UNMODELLED_SHARE: f64 = 0.1;
-/// Largest standard deviation of α \[1/m\].
+/// Largest standard deviation of α (1/m).
 const MAX_STD_PER_M: f64 = 0.08;
 
 /// Why the attenuation is not identified; `None` where it is.

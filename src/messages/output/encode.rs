@@ -56,13 +56,13 @@ pub fn compressed_image(wire: WireFormat, header: &Header, format: &str, data: &
 
 /// Pixels of a raw image, little-endian.
 pub struct RawImage<'a> {
-    /// [px]
+    /// (px)
     pub width: usize,
-    /// [px]
+    /// (px)
     pub height: usize,
     /// as in `sensor_msgs/image_encodings`
     pub encoding: &'a str,
-    /// length of a row [byte]
+    /// length of a row (byte)
     pub step: usize,
     /// rows from top to bottom
     pub data: &'a [u8],

@@ -10,13 +10,13 @@ use super::encode::{time, with_header_at};
 /// A coloured point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScenePoint {
-    /// in the frame of the message's header [m]
+    /// in the frame of the message's header (m)
     pub position_m: [f32; 3],
     /// sRGB
     pub rgb: [u8; 3],
 }
 
-/// Translation [m] and quaternion, x, y, z, w.
+/// Translation (m) and quaternion, x, y, z, w.
 fn parts(pose: &Isometry3<f64>) -> ([f64; 3], [f64; 4]) {
     let (t, q) = (pose.translation.vector, pose.rotation);
     ([t.x, t.y, t.z], [q.i, q.j, q.k, q.w])
@@ -69,7 +69,7 @@ pub fn transform(wire: WireFormat, header: &Header, child: &str, pose: &Isometry
         .finish()
 }
 
-/// `PointCloud2`: x, y, z [m] and a colour, 20 bytes per point. The colour is written twice: as
+/// `PointCloud2`: x, y, z (m) and a colour, 20 bytes per point. The colour is written twice: as
 /// `rgb` for ROS's tools and Foxglove, and as `colors` for rerun. Foxglove's own type has four
 /// colour fields, 16 bytes per point, which both viewers read.
 pub fn point_cloud(wire: WireFormat, header: &Header, points: &[ScenePoint]) -> Vec<u8> {

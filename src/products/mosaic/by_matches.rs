@@ -27,11 +27,11 @@ struct Frame {
     record: usize,
     /// rotation from body space to axes with z up and the camera's right along x
     level_from_body: UnitQuaternion<f64>,
-    /// [m]
+    /// (m)
     points: Vec<[f64; 2]>,
 }
 
-/// A point in one frame's coordinates and in another's [m].
+/// A point in one frame's coordinates and in another's (m).
 pub type Pair = ([f64; 2], [f64; 2]);
 
 /// Segment of a frame and world_from_body, comparable within a segment; `None` without matches.
@@ -42,7 +42,7 @@ pub type SegmentPose = Option<(u32, Isometry3<f64>)>;
 pub struct Rigid {
     cos: f64,
     sin: f64,
-    /// [m]
+    /// (m)
     translation: [f64; 2],
 }
 
@@ -65,7 +65,7 @@ impl Rigid {
         }
     }
 
-    /// Rotation angle [rad].
+    /// Rotation angle (rad).
     pub fn angle_rad(&self) -> f64 {
         self.sin.atan2(self.cos)
     }

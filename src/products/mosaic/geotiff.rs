@@ -13,11 +13,11 @@ use crate::stats::median;
 pub struct Georeference {
     /// origin of the metric coordinates
     origin: Fix,
-    /// east and north of the world's origin from there [m]
+    /// east and north of the world's origin from there (m)
     translation: [f64; 2],
-    /// rotation of the world about the vertical such that y points north [rad]
+    /// rotation of the world about the vertical such that y points north (rad)
     pub yaw_rad: f64,
-    /// root mean square residual of the fixes [m]
+    /// root mean square residual of the fixes (m)
     residual_m: f64,
     topic: String,
 }
@@ -69,7 +69,7 @@ pub fn georeference(
     Ok(Georeference { origin, translation, yaw_rad, residual_m, topic: topic.clone() })
 }
 
-/// Median translation from rotated positions to fixes, and the root mean square residual [m].
+/// Median translation from rotated positions to fixes, and the root mean square residual (m).
 fn translation(pairs: &[Pair], yaw_rad: f64) -> ([f64; 2], f64) {
     let (sin, cos) = yaw_rad.sin_cos();
     let offsets: Vec<[f64; 2]> = pairs

@@ -16,11 +16,11 @@ use crate::stats::median;
 use crate::units::Stamp;
 use crate::vehicle::{Camera, Rig};
 
-/// Maximum size of a strip, in all and along its longer side [px].
+/// Maximum size of a strip, in all and along its longer side (px).
 const MAX_PIXELS: f64 = 4e6;
 const MAX_SIDE_PX: f64 = 5000.0;
 /// Seafloor farther from the camera is left out; an oblique camera sees up to the horizon
-/// [altitudes].
+/// (altitudes).
 const REACH: f64 = 2.2;
 /// Minimum vertical component of a seafloor normal; steeper planes are not projected.
 const MIN_VERTICAL: f64 = 0.2;
@@ -32,11 +32,11 @@ const INTERVALS: usize = 12;
 pub struct PlacedFrame {
     /// index of its record in [`CameraLog::frames`](crate::products::dive::CameraLog::frames)
     pub record: usize,
-    /// log time [ns]
+    /// log time (ns)
     pub log_time: u64,
     /// time of the image
     pub stamp: Stamp,
-    /// pose in a world with z up [m]
+    /// pose in a world with z up (m)
     pub world_from_body: Isometry3<f64>,
     /// seafloor plane in body space
     pub plane: SeafloorPlane,
@@ -45,13 +45,13 @@ pub struct PlacedFrame {
 /// Pixels of the mosaic ⇄ world coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// world x of the left edge, world y of the upper one [m]
+    /// world x of the left edge, world y of the upper one (m)
     pub corner: [f64; 2],
-    /// [m]
+    /// (m)
     pub m_per_px: f64,
-    /// [px]
+    /// (px)
     pub width: usize,
-    /// [px]
+    /// (px)
     pub height: usize,
 }
 
@@ -88,12 +88,12 @@ impl Grid {
         }
     }
 
-    /// Pixel of world coordinates [m]; the centre of the upper left pixel is (0, 0).
+    /// Pixel of world coordinates (m); the centre of the upper left pixel is (0, 0).
     pub fn pixel(&self, [x, y]: [f64; 2]) -> (f64, f64) {
         ((x - self.corner[0]) / self.m_per_px - 0.5, (self.corner[1] - y) / self.m_per_px - 0.5)
     }
 
-    /// World coordinates of a pixel's centre [m].
+    /// World coordinates of a pixel's centre (m).
     fn world(&self, column: usize, row: usize) -> [f64; 2] {
         [
             self.corner[0] + (column as f64 + 0.5) * self.m_per_px,

@@ -11,12 +11,12 @@ use crate::products::display::{
 const MARGIN: i64 = 28;
 const GAP: i64 = 40;
 const HEAD: i64 = 118;
-/// Height of a profile, and of everything below a strip [px].
+/// Height of a profile, and of everything below a strip (px).
 const PROFILE: i64 = 190;
 const FOOT: i64 = PROFILE + 154;
-/// Minimum width of a strip's column, for the text [px].
+/// Minimum width of a strip's column, for the text (px).
 const MIN_WIDTH: i64 = 430;
-/// Half width of the moving average of profiles [share of the width].
+/// Half width of the moving average of profiles (share of the width).
 const SMOOTH: f64 = 0.01;
 /// Columns with fewer covered pixels than this share of the fullest column have no mean.
 const MIN_COVERED_SHARE: f64 = 0.05;
@@ -128,7 +128,7 @@ pub fn column_means(strip: &Strip) -> Vec<Vec<f64>> {
     (0..bands).map(of_band).collect()
 }
 
-/// Root mean square deviation of the profiles from 1, over all bands [%].
+/// Root mean square deviation of the profiles from 1, over all bands (%).
 pub fn unevenness(profiles: &[Vec<f64>]) -> f64 {
     let all: Vec<f64> = profiles.iter().flatten().copied().filter(|v| v.is_finite()).collect();
     100.0 * (all.iter().map(|v| (v - 1.0).powi(2)).sum::<f64>() / all.len().max(1) as f64).sqrt()

@@ -189,7 +189,7 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     )
 }
 
-/// A signed length in words [m].
+/// A signed length in words (m).
 fn sided(length_m: f64, positive: &str, negative: &str) -> String {
     format!("{:.2} m {}", length_m.abs(), if length_m < 0.0 { negative } else { positive })
 }

@@ -27,7 +27,7 @@ use crate::session::Options;
 const MEANS_OF_FRAMES: usize = 120;
 /// Frames that are shown before and after.
 const SHOWN_FRAMES: usize = 5;
-/// Longest side of a shown picture [px].
+/// Longest side of a shown picture (px).
 const SHOWN_SIDE: usize = 880;
 
 /// A figure, or why there is none.

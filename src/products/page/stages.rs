@@ -11,7 +11,7 @@ use crate::image::LinearImage;
 use crate::plot::escape_markup;
 use crate::run::bench::{Bench, BenchFrame};
 
-/// Longest side of a stage [px].
+/// Longest side of a stage (px).
 const SIDE: usize = 560;
 const QUALITY: u8 = 84;
 

@@ -54,7 +54,7 @@ pub fn figures(
     QUANTITIES.iter().map(|quantity| figure(quantity, &frames, way.as_ref(), place)).collect()
 }
 
-/// Where frames were, seen from above [m], and words.
+/// Where frames were, seen from above (m), and words.
 struct Way {
     at: Vec<Option<[f64; 2]>>,
     labels: [&'static str; 2],

@@ -15,10 +15,10 @@ use crate::stats::{lower_quantile, median, robust_std};
 /// Pixels of the same points in this frame and in another.
 pub type Pairs = Vec<((f64, f64), (f64, f64))>;
 
-/// Height of a scatter plot with its axes [px].
+/// Height of a scatter plot with its axes (px).
 pub const HEIGHT: i64 = 244;
 const SIDE: i64 = 176;
-/// Half width of the square over which light is averaged [px of the downscaled image].
+/// Half width of the square over which light is averaged (px of the downscaled image).
 const REACH: i64 = 2;
 /// Maximum number of points drawn.
 const MAX_DRAWN: usize = 900;
@@ -109,8 +109,8 @@ impl Agreement {
         Self { points, bands, why_none }
     }
 
-    /// Scatter [log light], scatter over the spread between points, and the difference between the
-    /// frames [log light]; medians over bands.
+    /// Scatter (log light), scatter over the spread between points, and the difference between the
+    /// frames (log light); medians over bands.
     pub fn numbers(&self) -> Option<(f64, f64, f64)> {
         let of_band = |band: usize| {
             let points: Vec<_> = self.points.iter().filter(|p| p.2 == band).collect();

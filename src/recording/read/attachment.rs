@@ -11,30 +11,30 @@ use crate::error::Result;
 /// An attachment of the log; its data stay in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attachment {
-    /// when it was recorded [ns]
+    /// when it was recorded (ns)
     pub log_time: u64,
-    /// when it was made [ns]
+    /// when it was made (ns)
     pub create_time: u64,
     /// file name
     pub name: String,
     /// MIME type
     pub media_type: String,
-    /// of the data [byte]
+    /// of the data (byte)
     pub size: u64,
     body: Range<u64>,
     data_offset: u64,
 }
 
 impl Attachment {
-    /// Length of the record's body [byte].
+    /// Length of the record's body (byte).
     pub fn body_length(&self) -> u64 {
         self.body.end - self.body.start
     }
 }
 
-/// Size of one read [byte].
+/// Size of one read (byte).
 const READ_SIZE: u64 = 1 << 20;
-/// Largest part before the data; longer names and media types are damage [byte].
+/// Largest part before the data; longer names and media types are damage (byte).
 const MAX_HEADER: u64 = 64 << 10;
 
 impl Recording {

@@ -17,14 +17,14 @@ use super::types::{Damage, Window};
 pub struct Block {
     /// number of the block in the log, counted from 0
     pub(super) number: u32,
-    /// a chunk's body, or message records with their headers [byte]
+    /// a chunk's body, or message records with their headers (byte)
     range: Range<u64>,
     kind: Kind,
-    /// first and last log time [ns]; (0, 0) where unknown
+    /// first and last log time (ns); (0, 0) where unknown
     times: (u64, u64),
     /// ids of channels that have messages in it; empty where it has no index
     channels: Vec<u16>,
-    /// as claimed by the chunk [byte]
+    /// as claimed by the chunk (byte)
     memory: u64,
 }
 
@@ -61,7 +61,7 @@ impl Block {
     }
 
     /// Adds a message record outside of chunks, if it follows this block and the two together are
-    /// no longer than `max` [byte]. Returns whether it was added.
+    /// no longer than `max` (byte). Returns whether it was added.
     pub(super) fn extend(
         &mut self,
         record: &Range<u64>,
@@ -97,7 +97,7 @@ impl Block {
         matches!(self.kind, Kind::Chunk { has_checksum: true, .. })
     }
 
-    /// Memory needed to read it, packed and unpacked, as claimed by the chunk [byte].
+    /// Memory needed to read it, packed and unpacked, as claimed by the chunk (byte).
     pub fn memory_bytes(&self) -> usize {
         usize::try_from(self.memory).unwrap_or(usize::MAX)
     }
@@ -162,11 +162,11 @@ pub struct RawChunk {
     pub record: Arc<Vec<u8>>,
     /// `zstd`, `lz4`, or empty for none
     pub compression: String,
-    /// [byte]
+    /// (byte)
     pub uncompressed_size: u64,
-    /// first and last log time [ns]; (0, 0) without messages
+    /// first and last log time (ns); (0, 0) without messages
     pub times: (u64, u64),
-    /// channel id, log time [ns] and offset in the uncompressed records [byte] of every message
+    /// channel id, log time (ns) and offset in the uncompressed records (byte) of every message
     pub messages: Vec<(u16, u64, u64)>,
 }
 

@@ -13,13 +13,13 @@ use super::records::{
 };
 use super::types::{Damage, Declarations};
 
-/// Size of one read, which holds several headers where records are small [byte].
+/// Size of one read, which holds several headers where records are small (byte).
 const READ_SIZE: u64 = 4096;
-/// Largest header of a chunk [byte].
+/// Largest header of a chunk (byte).
 const MAX_CHUNK_HEADER: u64 = 1024;
-/// Messages outside of chunks are joined to blocks up to this size [byte].
+/// Messages outside of chunks are joined to blocks up to this size (byte).
 const MAX_BARE_BLOCK: u64 = 1 << 20;
-/// Largest schema or metadata record; a longer one is damaged [byte].
+/// Largest schema or metadata record; a longer one is damaged (byte).
 const MAX_RECORD: u64 = 64 << 20;
 
 /// Contents of a file, as far as the record headers show them.
@@ -34,7 +34,7 @@ pub struct Index {
     pub profile: String,
     pub declarations: Declarations,
     pub metadata: Vec<Metadata>,
-    /// bodies of the attachment records [byte]
+    /// bodies of the attachment records (byte)
     pub attachments: Vec<Range<u64>>,
     pub damage: Vec<Damage>,
     /// number of chunks per compression

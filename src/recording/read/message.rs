@@ -36,9 +36,9 @@ pub struct Message {
     pub channel: u16,
     /// 0 where the recorder does not number messages
     pub sequence: u32,
-    /// when it was recorded [ns]
+    /// when it was recorded (ns)
     pub log_time: u64,
-    /// when it was published [ns]
+    /// when it was published (ns)
     pub publish_time: u64,
     buffer: Arc<Vec<u8>>,
     payload: Range<usize>,

@@ -32,7 +32,7 @@ pub struct Recording {
     pub channels: BTreeMap<u16, Channel>,
     /// in the order of the file
     pub metadata: Vec<Metadata>,
-    /// bodies of the attachment records [byte]
+    /// bodies of the attachment records (byte)
     pub(super) attachments: Vec<Range<u64>>,
     /// damage of the file's structure; that of blocks is found when they are read
     pub damage: Vec<Damage>,
@@ -98,7 +98,7 @@ impl Recording {
         &self.path
     }
 
-    /// Length of the file [byte].
+    /// Length of the file (byte).
     pub fn length(&self) -> u64 {
         self.source.length()
     }

@@ -5,9 +5,9 @@ use std::ops::Range;
 use mcap::records::op;
 
 pub const MAGIC: &[u8] = &[0x89, b'M', b'C', b'A', b'P', 0x30, b'\r', b'\n'];
-/// Opcode and length of a record [byte].
+/// Opcode and length of a record (byte).
 pub const RECORD_HEADER: usize = 9;
-/// Part of a message record's body before the payload [byte].
+/// Part of a message record's body before the payload (byte).
 pub const MESSAGE_HEADER: usize = 22;
 
 /// Part of a message record's body before the payload.
@@ -31,16 +31,16 @@ impl MessageHeader {
 
 /// Part of a chunk record's body before its records.
 pub struct ChunkHeader {
-    /// first log time [ns]
+    /// first log time (ns)
     pub start: u64,
-    /// last log time [ns]
+    /// last log time (ns)
     pub end: u64,
     pub uncompressed_size: u64,
     /// 0 for none
     pub crc: u32,
     /// empty for none
     pub compression: String,
-    /// the records, in the part of the body that was parsed [byte]
+    /// the records, in the part of the body that was parsed (byte)
     pub data: Range<usize>,
 }
 
@@ -76,7 +76,7 @@ pub fn string_at(body: &[u8], at: usize) -> Option<(String, usize)> {
 
 /// Element of a record's body.
 enum Part {
-    /// of fixed size [byte]
+    /// of fixed size (byte)
     Fixed(usize),
     /// length-prefixed
     Sized,

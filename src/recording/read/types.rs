@@ -31,11 +31,11 @@ pub struct Channel {
 /// A part of the file that cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 pub struct Damage {
-    /// in the file [byte]
+    /// in the file (byte)
     pub offset: u64,
-    /// first log time affected [ns]; 0 where unknown
+    /// first log time affected (ns); 0 where unknown
     pub start_ns: u64,
-    /// last log time affected [ns]; 0 where unknown
+    /// last log time affected (ns); 0 where unknown
     pub end_ns: u64,
     /// cause
     pub reason: String,
@@ -51,9 +51,9 @@ impl Damage {
 /// A range of log time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
-    /// inclusive [ns]
+    /// inclusive (ns)
     pub start: u64,
-    /// exclusive [ns]; `u64::MAX` for no limit
+    /// exclusive (ns); `u64::MAX` for no limit
     pub end: u64,
 }
 

@@ -28,9 +28,9 @@ pub fn remove_unfinished() {
 
 /// An added attachment.
 pub struct NewAttachment<'a> {
-    /// when it was recorded [ns]
+    /// when it was recorded (ns)
     pub log_time: u64,
-    /// when it was made [ns]
+    /// when it was made (ns)
     pub create_time: u64,
     /// file name
     pub name: &'a str,
@@ -67,7 +67,7 @@ struct Statistics {
     attachments: u32,
     metadata: u32,
     chunks: u32,
-    /// first and last log time [ns]
+    /// first and last log time (ns)
     times: Option<(u64, u64)>,
     /// messages by channel id
     by_channel: BTreeMap<u16, u64>,
@@ -305,7 +305,7 @@ impl OutputFile {
     }
 }
 
-/// Last fields of an attachment index: log and create time [ns], size [byte], name, media type.
+/// Last fields of an attachment index: log and create time (ns), size (byte), name, media type.
 fn attachment_fields(times: (u64, u64), size: u64, name: &str, media_type: &str) -> Vec<u8> {
     let fields = RecordBuilder::new(op::ATTACHMENT_INDEX).u64(times.0).u64(times.1).u64(size);
     fields.text(name).text(media_type).finish().split_off(RECORD_HEADER)

@@ -17,7 +17,7 @@ pub struct NewChannel(u16);
 /// The contents of the output, a queue of pieces.
 pub struct Output {
     compression: Compression,
-    /// uncompressed [byte]
+    /// uncompressed (byte)
     chunk_size: usize,
     declarations: Declarations,
     /// next sequence number of added channels

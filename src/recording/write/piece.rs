@@ -21,7 +21,7 @@ enum Kind {
     New(ChunkBuilder, Compression),
 }
 
-/// Channel id, log time [ns] and offset [byte] of every message of a chunk.
+/// Channel id, log time (ns) and offset (byte) of every message of a chunk.
 type Messages = Vec<(u16, u64, u64)>;
 /// A chunk record in two parts: the fields before the records, and the compressed records.
 type ChunkParts = Vec<Arc<Vec<u8>>>;
@@ -31,7 +31,7 @@ type ChunkParts = Vec<Arc<Vec<u8>>>;
 pub struct ChunkBuilder {
     records: Vec<u8>,
     messages: Messages,
-    /// size of messages with compressed images [byte]
+    /// size of messages with compressed images (byte)
     image_bytes: usize,
     /// whether it has messages of the input
     pub holds_input: bool,
@@ -47,18 +47,18 @@ pub struct PieceBytes {
 
 /// Summary of a chunk.
 pub struct ChunkFacts {
-    /// first and last log time [ns]
+    /// first and last log time (ns)
     pub times: (u64, u64),
-    /// of the record [byte]
+    /// of the record (byte)
     pub length: u64,
-    /// channel id, offset of its index after the chunk [byte], number of messages
+    /// channel id, offset of its index after the chunk (byte), number of messages
     pub channels: Vec<(u16, u64, u64)>,
-    /// of all indexes [byte]
+    /// of all indexes (byte)
     pub index_length: u64,
     pub compression: String,
-    /// [byte]
+    /// (byte)
     pub compressed_size: u64,
-    /// [byte]
+    /// (byte)
     pub uncompressed_size: u64,
 }
 
@@ -75,7 +75,7 @@ impl Piece {
         Self(Kind::New(chunk, compression))
     }
 
-    /// Size in memory [byte].
+    /// Size in memory (byte).
     pub fn memory_bytes(&self) -> usize {
         match &self.0 {
             Kind::Records(records) => records.len(),
@@ -144,7 +144,7 @@ fn indexed(mut facts: ChunkFacts, messages: Messages) -> (ChunkFacts, Vec<u8>) {
 }
 
 impl ChunkBuilder {
-    /// Size of its records [byte].
+    /// Size of its records (byte).
     pub fn len(&self) -> usize {
         self.records.len()
     }

@@ -90,7 +90,7 @@ pub fn message(header: &MessageHeader, size: usize) -> Vec<u8> {
         .finish_before(size as u64)
 }
 
-/// Index of a channel's messages in a chunk: log time [ns] and offset [byte].
+/// Index of a channel's messages in a chunk: log time (ns) and offset (byte).
 pub fn message_index(channel: u16, messages: &[(u64, u64)]) -> Vec<u8> {
     let record = RecordBuilder::new(op::MESSAGE_INDEX).u16(channel).u32(16 * messages.len() as u32);
     messages.iter().fold(record, |record, (time, offset)| record.u64(*time).u64(*offset)).finish()

@@ -54,7 +54,7 @@ struct Buffers {
     light: Vec<f32>,
 }
 
-/// Samples of a frame; its image and the camera's altitude [m] where the method needs mean frames.
+/// Samples of a frame; its image and the camera's altitude (m) where the method needs mean frames.
 type Sampled = (FrameSamples, Option<(LinearImage, f64)>);
 
 impl PassOne<'_> {

@@ -7,9 +7,9 @@ use crate::stats;
 
 /// Consecutive frames in a window; overlap needs neighbours.
 const WINDOW_FRAMES: usize = 12;
-/// Frames nearer in time share seafloor, pings and altitude, and add no information [s] …
+/// Frames nearer in time share seafloor, pings and altitude, and add no information (s) …
 const STEP_S: f64 = 0.5;
-/// … but at low altitude the seafloor leaves the image sooner [s per m].
+/// … but at low altitude the seafloor leaves the image sooner (s per m).
 const STEP_S_PER_M: f64 = 0.5;
 /// Frames from which interval and altitude are estimated.
 const PROBED_FRAMES: usize = 40;
@@ -79,7 +79,7 @@ impl Pace {
     }
 }
 
-/// Altitude of the camera over the seafloor [m]; NaN where no seafloor is known.
+/// Altitude of the camera over the seafloor (m); NaN where no seafloor is known.
 pub fn altitude_m(session: &CameraSession, frame: &FrameRef) -> f64 {
     let plane = session.seafloor(frame.stamp);
     plane.map_or(f64::NAN, |plane| session.flat_view(&plane).camera_altitude_m())

@@ -37,7 +37,7 @@ pub enum Outcome {
 /// thread.
 pub const IN_FLIGHT: usize = 32 << 20;
 pub const FRAMES_PER_THREAD: usize = 2;
-/// What a message takes beside its payload [byte].
+/// What a message takes beside its payload (byte).
 const MESSAGE_BYTES: usize = 64;
 
 impl Input<'_> {

@@ -5,10 +5,10 @@ use crate::geometry::StrobeAngles;
 use crate::model::BeamPattern;
 use crate::plot::{Canvas, Ramp};
 
-/// Of the pattern itself [px].
+/// Of the pattern itself (px).
 const SIDE: usize = 320;
 /// Left of it and below it, where the axes' words stand, and beside it, where the scale stands
-/// [px].
+/// (px).
 const MARGIN: usize = 44;
 const TICK_DEG: f64 = 30.0;
 const SCALE_WIDTH: i64 = 12;
@@ -16,7 +16,7 @@ const UNSEEN: [u8; 3] = [110, 110, 110];
 const PAPER: [u8; 3] = [255, 255, 255];
 const INK: [u8; 3] = [40, 40, 40];
 
-/// A PNG, θ down and φ to the right over the grid's whole range [°], and the scale of the gain.
+/// A PNG, θ down and φ to the right over the grid's whole range (°), and the scale of the gain.
 pub fn png(beam: &BeamPattern) -> Vec<u8> {
     let limit = beam.nodes().limit_rad;
     let mut canvas = Canvas::new(MARGIN + SIDE + 2 * MARGIN, SIDE + 2 * MARGIN, PAPER);

@@ -47,7 +47,7 @@ pub const BEAM_PATTERN_IMAGE: OutputTopic = OutputTopic {
 
 /// Points along the axis of a beam, less one.
 const BEAM_STEPS: u32 = 48;
-/// Length of a beam that does not meet the seafloor [m].
+/// Length of a beam that does not meet the seafloor (m).
 const FREE_BEAM_M: f64 = 1.0;
 /// sRGB.
 const BEAM_COLOR: [u8; 3] = [255, 214, 64];

@@ -25,9 +25,9 @@ pub struct CameraSurvey {
     pub container: Container,
     pub image_pixels: usize,
     pub image_bytes: usize,
-    /// full scale of 16-bit images [DN]
+    /// full scale of 16-bit images (DN)
     pub white_level: Option<u16>,
-    /// median of header time − log time [s]
+    /// median of header time − log time (s)
     pub clock_offset_s: Option<f64>,
     pub calibration: Camera,
     pub response: Option<ResponseTable>,

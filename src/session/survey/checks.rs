@@ -13,7 +13,7 @@ use crate::vehicle::{Camera, Ping, RangeKind};
 const MIN_MESSAGES: usize = 5;
 /// Beams nearer to the axis than this make no difference between slant and vertical.
 const MAX_COSINE: f64 = 0.98;
-/// A clock this far from the recorder's is the device's own [s].
+/// A clock this far from the recorder's is the device's own (s).
 const DEVICE_CLOCK_S: f64 = 60.0;
 
 /// This many equal readings in a row are no measurement.

@@ -3,13 +3,13 @@
 use crate::units::Stamp;
 use crate::vehicle::RigFile;
 
-/// A channel whose clock differs by more from the camera's keeps another clock [s].
+/// A channel whose clock differs by more from the camera's keeps another clock (s).
 const CLOCK_TOLERANCE_S: f64 = 2.0;
 
 /// The camera's clock, and the corrections of the rig file.
 #[derive(Clone, Copy)]
 pub struct Clocks<'s> {
-    /// median of header time − log time of the camera [s]
+    /// median of header time − log time of the camera (s)
     pub camera_offset_s: Option<f64>,
     pub rig_file: &'s RigFile,
 }

@@ -50,7 +50,7 @@ pub struct Survey {
     pub image_pixels: usize,
     /// bytes of the largest image message
     pub image_bytes: usize,
-    /// full scale of 16-bit images [DN]
+    /// full scale of 16-bit images (DN)
     pub white_level: Option<u16>,
     /// the range instrument's topic
     pub dvl_topic: String,

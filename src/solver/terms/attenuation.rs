@@ -20,7 +20,7 @@ pub struct TimeGrid {
     pub is_joined: Vec<bool>,
 }
 
-/// α \[1/m\]: all nodes of red, then of green, then of blue.
+/// α (1/m): all nodes of red, then of green, then of blue.
 pub struct Attenuation<'s> {
     bands: usize,
     time: Option<&'s TimeGrid>,
@@ -47,7 +47,7 @@ impl<'s> Attenuation<'s> {
         band * self.nodes() + node
     }
 
-    /// α of a frame \[1/m\].
+    /// α of a frame (1/m).
     pub fn at(&self, frame: u32, values: &[f64]) -> Bands {
         std::array::from_fn(|b| {
             let node = |k: usize| values[self.unknown(b, k)];

@@ -10,12 +10,12 @@ pub const HOLDING: f64 = 1e6;
 /// Weight that holds η and ζ where they are, in case no light determines them.
 const SHAPE_WEIGHT: f64 = 1e-3;
 
-/// Steps of b \[1/m\] per band, then of η and ζ.
+/// Steps of b (1/m) per band, then of η and ζ.
 pub struct BackscatterTerm {
     bands: usize,
     /// the state that steps are taken from
     pub state: Backscatter,
-    /// largest b that the darkest observations allow \[1/m\]
+    /// largest b that the darkest observations allow (1/m)
     pub max_strength_per_m: Bands,
     is_held: [bool; 3],
 }

@@ -127,7 +127,7 @@ impl<'s> Terms<'s> {
         }
     }
 
-    /// α of a frame \[1/m\].
+    /// α of a frame (1/m).
     pub fn attenuation_of(&self, frame: u32, values: &[f64]) -> Bands {
         self.attenuation.at(frame, &values[self.first_attenuation()..])
     }

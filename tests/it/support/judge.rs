@@ -15,15 +15,15 @@ use unwater::session::{Options, Silent};
 use super::render::{Dive, Truth};
 
 /// Side of the blocks that pixels are averaged over, so that sensor noise does not count as error
-/// [px].
+/// (px).
 const BLOCK: usize = 4;
 
 /// How near the truth a run came.
 #[derive(Clone, Debug)]
 pub struct Verdict {
-    /// estimate − truth [1/m]
+    /// estimate − truth (1/m)
     pub attenuation_error_per_m: Vec<f64>,
-    /// claimed standard deviation [1/m]
+    /// claimed standard deviation (1/m)
     pub attenuation_std_per_m: Vec<f64>,
     /// RMSE of log BP where the log has seen it, level taken out
     pub beam_log_rmse: f64,

@@ -20,7 +20,7 @@ fn ping(topic: &str, line: &str, facts: &DvlFacts) -> Result<Option<Ping>, Faile
 }
 
 /// The plane of one ping alone, its distance along the instrument's axis and along its own normal
-/// [m].
+/// (m).
 fn plane(ping: Ping) -> Option<(f64, f64)> {
     let rig = Rig {
         camera: Camera::from_field_of_view(640, 480, 60.0),

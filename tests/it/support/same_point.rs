@@ -10,16 +10,16 @@ use super::colour::{delta_e, lab};
 use super::judge::{blocks, median};
 use super::render::{Dive, FrameTruth, Truth};
 
-/// Spacing of the points on the seafloor [m].
+/// Spacing of the points on the seafloor (m).
 const POINT_STEP_M: f64 = 0.06;
 /// A point is a Gaussian patch of the seafloor, of one size in metres from every altitude: this
-/// standard deviation [m] ...
+/// standard deviation (m) ...
 const POINT_SIGMA_M: f64 = 0.012;
 /// ... and out to here.
 const POINT_REACH_M: f64 = 0.5 * POINT_STEP_M;
 /// A point seen in fewer frames does not count.
 const LEAST_VIEWS: usize = 4;
-/// Where the renderer has the camera in the vehicle [m].
+/// Where the renderer has the camera in the vehicle (m).
 const CAMERA_IN_BASE: [f64; 3] = [0.34, -0.10, -0.12];
 /// Raw light above this share of full scale is clipped: no method is judged there.
 const CLIPPED: f32 = 0.985;

@@ -1,5 +1,5 @@
-//! The camera's clock \[s\] and the rotation of the range instrument's mount about the camera's x
-//! and y axes \[rad\]: both move the seafloor plane under a frame.
+//! The camera's clock (s) and the rotation of the range instrument's mount about the camera's x
+//! and y axes (rad): both move the seafloor plane under a frame.
 //!
 //! A late clock pairs every frame with the plane of another moment; a rotated mount tilts every
 //! plane in the same way.
@@ -16,19 +16,19 @@ use crate::vehicle::Lamps;
 pub const PLANES_AROUND_S: f64 = 0.3;
 /// The parabola through the planes is followed this many times as far as they lie.
 const MAX_EXTRAPOLATION: f64 = 2.0;
-/// Steps of the numeric derivatives: clock \[s\], rotations \[rad\].
+/// Steps of the numeric derivatives: clock (s), rotations (rad).
 const STEPS: [f64; 3] = [0.02, 0.005, 0.005];
 
 /// The seafloor plane under a frame, and shortly before and after it.
 #[derive(Clone, Copy, Debug)]
 pub struct PlaneTrack {
-    /// normal n, pointing into the seafloor, and distance d of n·x = d \[m\]
+    /// normal n, pointing into the seafloor, and distance d of n·x = d (m)
     pub plane: (Direction<Body>, f64),
     /// the same `PLANES_AROUND_S` earlier and later, where pings allow
     pub around: Option<[(Direction<Body>, f64); 2]>,
 }
 
-/// Planes with the clock off by x \[s\] and rotated by y, z about the camera's axes \[rad\], around
+/// Planes with the clock off by x (s) and rotated by y, z about the camera's axes (rad), around
 /// the range instrument.
 #[derive(Clone, Copy)]
 pub struct ShiftedPlanes<'s> {
@@ -36,14 +36,14 @@ pub struct ShiftedPlanes<'s> {
     pub planes: &'s [PlaneTrack],
     /// the camera's mount
     pub body_from_optical: Transform<Body, Optical>,
-    /// position of the range instrument in the body \[m\]
+    /// position of the range instrument in the body (m)
     pub instrument: Vector3<f64>,
-    /// clock \[s\] and rotations \[rad\]
+    /// clock (s) and rotations (rad)
     pub by: Vector3<f64>,
 }
 
 impl<'s> ShiftedPlanes<'s> {
-    /// The rotation as a vector in body space \[rad\].
+    /// The rotation as a vector in body space (rad).
     pub fn rotation(&self) -> Vector3<f64> {
         self.body_from_optical.isometry().rotation * Vector3::new(self.by.y, self.by.z, 0.0)
     }

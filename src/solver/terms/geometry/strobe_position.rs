@@ -1,10 +1,10 @@
-//! The strobe's position in body space: three unknowns \[m\]. All lamps move together.
+//! The strobe's position in body space: three unknowns (m). All lamps move together.
 
 use super::Parameter;
 use crate::solver::PathFor;
 use crate::vehicle::Lamps;
 
-/// Step of the numeric derivative \[m\].
+/// Step of the numeric derivative (m).
 const STEP_M: f64 = 0.01;
 
 /// The position's x, y, z.
