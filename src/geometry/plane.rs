@@ -43,6 +43,19 @@ pub struct SeafloorPlane {
 }
 
 impl SeafloorPlane {
+    /// Level seafloor `altitude_m` below the camera; `down` is the direction of gravity.
+    pub fn at_altitude(rig: &Rig, down: Direction<Body>, altitude_m: f64) -> Self {
+        let camera = rig.body_from_optical.origin().vector();
+        Self {
+            normal: down,
+            distance_m: altitude_m + down.vector().dot(&camera),
+            support: Support::AssumedLevel,
+            returns: 1,
+            residual_m: f64::NAN,
+            nearest_ping_s: 0.0,
+        }
+    }
+
     /// Distance of the camera from the plane, along the normal (m).
     pub fn camera_altitude_m(&self, rig: &Rig) -> f64 {
         self.distance_m - self.normal.vector().dot(&rig.body_from_optical.origin().vector())

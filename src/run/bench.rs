@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use super::camera_model::{CameraModel, Rendering};
+use super::camera_model::CameraModel;
 use super::corrector::Corrector;
+use super::prepared_model::Rendering;
 use crate::config::{Method, RenderConfig, WhiteBalance};
 use crate::correct::{MeanFrames, estimate_rendering};
 use crate::error::Result;
@@ -109,7 +110,12 @@ impl Bench {
         white_balance: WhiteBalance,
     ) -> RenderingFile {
         let config = RenderConfig { method, white_balance, ..self.session.config.render.clone() };
-        estimate_rendering(log_colors, &self.model.model, self.session.survey.white_level, &config)
+        estimate_rendering(
+            log_colors,
+            &self.model.prepared.model,
+            self.session.survey.white_level,
+            &config,
+        )
     }
 
     /// Corrects a frame by a method of Eq. 15; linear light where 1 is white.

@@ -3,12 +3,14 @@
 
 use crate::correct::{self, Corrected, Correction, FrameFacts};
 use crate::diagnostics::Reason;
-use crate::image::ImageShape;
+use crate::error::{self, Error};
 use crate::image::transfer::{Shoulder, SrgbTable};
+use crate::image::{ImageShape, encode};
 use crate::session::{CameraSession, Frame};
 use crate::vehicle::Camera;
 
-use super::camera_model::{CameraModel, Rendering};
+use super::camera_model::CameraModel;
+use super::prepared_model::Rendering;
 
 /// Corrects the frames of one camera.
 pub struct Corrector<'c> {
@@ -36,6 +38,16 @@ pub struct CorrectedFrame {
     pub facts: FrameFacts,
 }
 
+impl CorrectedFrame {
+    /// The image as a PNG file.
+    ///
+    /// # Errors
+    /// The encoder's message.
+    pub fn to_png(&self) -> error::Result<Vec<u8>> {
+        encode::png(&self.samples, self.shape, self.depth).map_err(Error::Image)
+    }
+}
+
 impl<'c> Corrector<'c> {
     /// A corrector for this camera and model.
     pub fn new(
@@ -56,32 +68,10 @@ impl<'c> Corrector<'c> {
     /// # Errors
     /// The image has other bands than the model, or no pixel sees the seafloor.
     pub fn correct(&self, frame: &Frame<'_>, buffer: Vec<u8>) -> Result<CorrectedFrame, Reason> {
-        let (bands, of_model) = (frame.pixels.bands(), self.model.model.bands);
-        if bands != of_model {
-            let reason = format!("it has {bands} bands, the model {of_model}");
-            return Err(Reason::Undecodable { reason });
-        }
-        let config = self.correction.config;
-        let rectified = config.rectify.then(|| frame.camera.rectified());
-        let (width, height) = (frame.pixels.width, frame.pixels.height);
-        let mut samples = buffer;
-        samples.clear();
-        samples.reserve(width * height * bands * usize::from(config.depth / 8));
-        let take = |row: &mut [f32]| match config.depth {
-            16 => samples.extend(
-                row.iter()
-                    .flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()),
-            ),
-            _ => self.srgb.encode_row(row, &mut samples),
-        };
-        let Corrected { mask, facts } = self.rows(frame, rectified.as_ref(), take);
-        if facts.off_surface_share >= 1.0 {
-            return Err(Reason::OffSeafloor);
-        }
-        let camera = rectified.unwrap_or(frame.camera);
-        let (width, height) = rectified.map_or((width, height), |c| (c.width, c.height));
-        let shape = ImageShape { width, height, bands };
-        Ok(CorrectedFrame { samples, shape, depth: config.depth, camera, mask, facts })
+        let rectified = self.correction.config.rectify.then(|| frame.camera.rectified());
+        self.with_raw(frame, rectified.as_ref(), |correction, raw| {
+            render(correction, raw, &self.srgb, buffer)
+        })
     }
 
     /// Corrects a frame row by row in linear light, where 1 is white.
@@ -91,6 +81,16 @@ impl<'c> Corrector<'c> {
         rectified: Option<&Camera>,
         take: impl FnMut(&mut [f32]),
     ) -> Corrected {
+        self.with_raw(frame, rectified, |correction, raw| correction.apply(raw, take))
+    }
+
+    /// Passes on the frame as the correction takes it, and the correction at its time.
+    fn with_raw<R>(
+        &self,
+        frame: &Frame<'_>,
+        rectified: Option<&Camera>,
+        work: impl FnOnce(&Correction<'_>, &correct::Frame<'_>) -> R,
+    ) -> R {
         let model = self.correction.model.at(frame.at.stamp);
         let raw = correct::Frame {
             codes: &frame.pixels,
@@ -100,6 +100,42 @@ impl<'c> Corrector<'c> {
             noise: &frame.noise(),
             rectified,
         };
-        Correction { model: &model, ..self.correction }.apply(&raw, take)
+        work(&Correction { model: &model, ..self.correction }, &raw)
     }
+}
+
+/// Corrects a frame to pixel values. The buffer is reused for them.
+///
+/// # Errors
+/// The image has other bands than the model, or no pixel sees the seafloor.
+pub fn render(
+    correction: &Correction<'_>,
+    raw: &correct::Frame<'_>,
+    srgb: &SrgbTable,
+    buffer: Vec<u8>,
+) -> Result<CorrectedFrame, Reason> {
+    let (bands, of_model) = (raw.codes.bands(), correction.model.bands);
+    if bands != of_model {
+        let reason = format!("it has {bands} bands, the model {of_model}");
+        return Err(Reason::Undecodable { reason });
+    }
+    let depth = correction.config.depth;
+    let (width, height) = (raw.codes.width, raw.codes.height);
+    let mut samples = buffer;
+    samples.clear();
+    samples.reserve(width * height * bands * usize::from(depth / 8));
+    let take = |row: &mut [f32]| match depth {
+        16 => samples.extend(
+            row.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()),
+        ),
+        _ => srgb.encode_row(row, &mut samples),
+    };
+    let Corrected { mask, facts } = correction.apply(raw, take);
+    if facts.off_surface_share >= 1.0 {
+        return Err(Reason::OffSeafloor);
+    }
+    let camera = *raw.rectified.unwrap_or(raw.view.camera);
+    let (width, height) = raw.rectified.map_or((width, height), |c| (c.width, c.height));
+    let shape = ImageShape { width, height, bands };
+    Ok(CorrectedFrame { samples, shape, depth, camera, mask, facts })
 }

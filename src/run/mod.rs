@@ -2,8 +2,8 @@
 //! (pass two).
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
-//! `fit`, `camera_model`, `corrector`, `bench`, `output_names`, `camera_output`, `ready`, `topics`,
-//! `pass_two`.
+//! `fit`, `output_names`, `prepared_model`, `camera_model`, `corrector`, `frame_corrector`,
+//! `bench`, `camera_output`, `ready`, `topics`, `pass_two`.
 
 pub mod bench;
 mod camera_model;
@@ -11,6 +11,7 @@ mod camera_output;
 pub mod clock_offsets;
 mod corrector;
 mod fit;
+mod frame_corrector;
 pub mod memory;
 mod model_of;
 mod mount_check;
@@ -18,6 +19,7 @@ mod output_names;
 mod pass_one;
 mod pass_two;
 mod pooled;
+mod prepared_model;
 mod ready;
 mod topics;
 
@@ -33,7 +35,9 @@ use crate::report::Report;
 use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
 
+pub use corrector::CorrectedFrame;
 use fit::{ensure_same_camera, fit_model};
+pub use frame_corrector::FrameCorrector;
 use output_names::output_wire;
 pub use output_names::{corrected_topic, ensure_not_corrected, method_name, output_container};
 use pass_two::{Input, pass_two};

@@ -12,13 +12,14 @@ use crate::session::survey::rig_facts;
 use crate::session::{CameraSession, FrameGains, Options, Progress};
 use crate::vehicle::Rig;
 
-use super::camera_model::{CameraModel, Rendering, removes_water, scatter_table};
+use super::camera_model::CameraModel;
 use super::camera_output::CameraOutput;
 use super::corrector::Corrector;
 use super::fit::fit_model;
 use super::model_of::{exposure, strobe_of};
 use super::output_names::{camera_name, ensure_not_corrected};
 use super::pass_one::PassOne;
+use super::prepared_model::{Rendering, removes_water, scatter_table};
 
 /// A camera that is ready for pass two.
 pub struct ReadyCamera {

@@ -24,6 +24,19 @@ pub struct Rig {
     pub strobe: StrobeMount,
 }
 
+impl Rig {
+    /// A camera and one strobe, for frames without a log. Body space is the camera's: x right, y
+    /// down, z along the optical axis; the DVL is taken to be at its origin.
+    pub fn of_camera_and_strobe(camera: Camera, body_from_strobe: Transform<Body, Strobe>) -> Self {
+        Self {
+            camera,
+            body_from_optical: Transform::identity(),
+            body_from_dvl: Transform::identity(),
+            strobe: StrobeMount { lamps: Lamps::one(body_from_strobe), source: None },
+        }
+    }
+}
+
 /// Extrinsics of the strobe and their source.
 #[derive(Clone, Debug)]
 pub struct StrobeMount {

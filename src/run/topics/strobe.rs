@@ -38,7 +38,7 @@ pub const BEAM_PATTERN_IMAGE: OutputTopic = OutputTopic {
     message_type: |_| output::COMPRESSED_IMAGE,
     write: |frame, put| {
         if frame.is_first {
-            let png = beam_image::png(&frame.camera.model.model.beam_pattern);
+            let png = beam_image::png(&frame.camera.model.prepared.model.beam_pattern);
             let header = &frame.output.header;
             put(&output::compressed_image(frame.camera.wire, header, "png", &png));
         }
@@ -83,7 +83,7 @@ fn beam(frame: &FrameContext<'_>, plane: &SeafloorPlane) -> Vec<u8> {
 }
 
 fn beam_pattern(frame: &FrameContext<'_>) -> Vec<u8> {
-    let beam = &frame.camera.model.model.beam_pattern;
+    let beam = &frame.camera.model.prepared.model.beam_pattern;
     let nodes = beam.nodes();
     let angles: Vec<f64> = (0..nodes.count).map(|i| nodes.angle(i).to_degrees()).collect();
     let log_gain: Vec<f64> = beam.by_node().into_iter().map(|v| v.unwrap_or(f64::NAN)).collect();
