@@ -6,5 +6,5 @@ mod ramp;
 mod svg;
 
 pub use canvas::Canvas;
-pub use ramp::{Ramp, css};
+pub use ramp::Ramp;
 pub use svg::{Axis, Plot, Shape, escape_markup, ticks};

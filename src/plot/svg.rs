@@ -46,12 +46,6 @@ impl Axis {
         Self { label: label.into(), from: min - margin, to: max + margin }
     }
 
-    /// Extends the axis down to a value.
-    pub fn down_to(mut self, value: f64) -> Self {
-        self.from = self.from.min(value);
-        self
-    }
-
     /// Position of a value, 0 to 1 from end to end.
     fn position(&self, value: f64) -> f64 {
         (value - self.from) / (self.to - self.from)
