@@ -10,6 +10,7 @@ mod cli;
 mod clock_offsets;
 mod damage;
 mod docs;
+mod examples;
 mod foreign_bytes;
 mod jpeg;
 mod judge;
