@@ -55,7 +55,7 @@ pub struct DataSet {
     pub missing: Vec<&'static str>,
 }
 
-/// A still on its way.
+/// A still before it is written.
 struct Still<'l> {
     name: String,
     record: &'l FrameRecord,
@@ -66,7 +66,7 @@ struct Still<'l> {
 /// Writes the corrected frames of a camera into `folder`; `facts` are fields of the iFDO header.
 ///
 /// # Errors
-/// The folder cannot be written, a picture cannot be read, or no frame was corrected.
+/// The folder cannot be written, an image cannot be read, or no frame was corrected.
 pub fn export(
     log: &CorrectedLog,
     camera: &CameraLog,
@@ -76,7 +76,7 @@ pub fn export(
 ) -> Result<DataSet> {
     let records = log.records(camera, Images::Corrected);
     if camera.corrected().next().is_none() {
-        let reason = "no frame of it was corrected; its report says why";
+        let reason = "no frame of it was corrected; see its report";
         return Err(bad(log, "nothing to export", reason.into()));
     }
     ensure_complete(log, camera, &records)?;
@@ -124,7 +124,7 @@ fn bad(log: &CorrectedLog, what: &'static str, reason: String) -> Error {
     Error::BadFile { path: log.scanned.recording.path().into(), what, reason }
 }
 
-/// Every frame that was corrected must have its image: an export with holes looks complete.
+/// Every frame that was corrected must have its image: an export with gaps looks complete.
 fn ensure_complete(
     log: &CorrectedLog,
     camera: &CameraLog,
@@ -149,7 +149,7 @@ fn ensure_complete(
     let cause = damage.map_or_else(String::new, |d| format!("; the log is damaged: {}", d.reason));
     let topic = camera.topic(Images::Corrected);
     let reason = format!(
-        "{missing} of {expected} on {topic}{first}{cause}; look for an undamaged copy, or export \
+        "{missing} of {expected} on {topic}{first}{cause}; use an undamaged copy, or export \
          the segments around them with -S and -E"
     );
     Err(bad(log, "corrected images are missing", reason))
@@ -209,7 +209,7 @@ fn still(
             let rows = data
                 .chunks(step.max(1))
                 .take(height)
-                .map(|r| r.get(..row).ok_or("it is shorter than it says"));
+                .map(|r| r.get(..row).ok_or("it is shorter than its header states"));
             let mut samples = rows.collect::<std::result::Result<Vec<_>, _>>()?.concat();
             if bits == 16 && big_endian != cfg!(target_endian = "big") {
                 samples.chunks_exact_mut(2).for_each(|pair| pair.swap(0, 1));
@@ -269,11 +269,11 @@ fn header(
         "image-photometric-calibration",
         json!({ "photometric-water-properties-description": water }),
     );
-    let said = format!(
+    let protocol = format!(
         "unwater {}: method {}, from {}",
         camera.report.version, camera.report.method, camera.report.source
     );
-    set("image-curation-protocol", json!(said));
+    set("image-curation-protocol", json!(protocol));
     if let Some(first) = stills.first() {
         set("image-datetime", json!(utc(first.record.stamp)));
     }

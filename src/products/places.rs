@@ -1,8 +1,8 @@
-//! Where the vehicle was: whatever the log says of it, seen from above.
+//! Positions of the vehicle from all sources of a log, seen from above.
 //!
-//! Odometry comes first, as it is smooth; then the DVL's velocity turned by the attitude and added
-//! up; then fixes (latitude and longitude), which jump. Whether a world's z points up or down is
-//! told by the seafloor, which lies below.
+//! Odometry is preferred, as it is smooth; then the DVL's velocity, rotated by the attitude and
+//! integrated; then fixes (latitude and longitude), which jump. Whether the world's z points up or
+//! down follows from the seafloor, which is below.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -28,7 +28,7 @@ pub const M_PER_DEG: f64 = 111_195.0;
 pub struct Pose {
     stamp: Stamp,
     world_from_body: Isometry3<f64>,
-    has_turn: bool,
+    has_rotation: bool,
 }
 
 /// A fix: where on Earth.
@@ -42,7 +42,7 @@ pub struct Fix {
     pub longitude: f64,
 }
 
-/// All that a log says of places, by topic.
+/// All positions in a log, by topic.
 #[derive(Default)]
 pub struct Places {
     /// odometry and poses
@@ -91,7 +91,7 @@ impl Places {
         }
         places.poses.values_mut().for_each(|p| p.sort_by_key(|p| p.stamp));
         places.fixes.values_mut().for_each(|f| f.sort_by_key(|f| f.stamp));
-        // What never moves is a mount or a goal, not a way.
+        // A pose that never moves is a mount or a goal, not a trajectory.
         places.poses.retain(|_, poses| {
             poses
                 .windows(2)
@@ -122,7 +122,7 @@ fn may_hold_places(schema: &[u8]) -> bool {
 }
 
 fn fix(value: &Value<'_>, stamp: Stamp) -> Option<Fix> {
-    // NavSatFix says −1 where it has no fix, and others write zeros.
+    // NavSatFix has status −1 without a fix, and others write zeros.
     let has_none = value.number("status.status").is_some_and(|s| s < 0.0);
     let at = |path: &str| value.number(path).or_else(|| value.number(&format!("position.{path}")));
     let (latitude, longitude) = (at("latitude")?, at("longitude")?);
@@ -139,36 +139,36 @@ fn pose(value: &Value<'_>, stamp: Stamp) -> Option<Pose> {
     if ![x, y, z].iter().all(|v| v.is_finite()) {
         return None;
     }
-    let turn = value
+    let orientation = value
         .xyzw(&format!("{path}.orientation"))
         .filter(|q| q.iter().map(|v| v * v).sum::<f64>() > 0.5);
-    let rotation = turn.map_or_else(UnitQuaternion::identity, |[x, y, z, w]| {
+    let rotation = orientation.map_or_else(UnitQuaternion::identity, |[x, y, z, w]| {
         UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z))
     });
     Some(Pose {
         stamp,
         world_from_body: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
-        has_turn: turn.is_some(),
+        has_rotation: orientation.is_some(),
     })
 }
 
-/// Where a frame was, and how that is known.
+/// Poses of frames and their source.
 pub struct Placed {
-    /// per frame: the stretch it belongs to, and world_from_body with z up; `None` where nothing is
+    /// per frame: the segment it belongs to, and world_from_body with z up; `None` where nothing is
     /// known
     pub poses: Vec<Option<(u32, Isometry3<f64>)>>,
-    /// words for people
+    /// source of the poses, as text
     pub source: String,
 }
 
-/// Poses of frames with their planes, by odometry or else by the DVL's way; `None` where the log
-/// has neither.
+/// Poses of frames with their planes, by odometry or else by the integrated DVL velocity; `None`
+/// where the log has neither.
 pub fn placed(
     log: &CameraSession,
     places: &Places,
     frames: &[(Stamp, SeafloorPlane)],
 ) -> Option<Placed> {
-    if let Some((topic, poses)) = places.best().filter(|(_, p)| p.iter().all(|p| p.has_turn)) {
+    if let Some((topic, poses)) = places.best().filter(|(_, p)| p.iter().all(|p| p.has_rotation)) {
         let found: Vec<_> = frames
             .iter()
             .map(|(stamp, plane)| Some((0, upright(pose_at(poses, *stamp)?, plane))))
@@ -178,15 +178,15 @@ pub fn placed(
         }
     }
     let survey = &log.survey;
-    let by_way = |(stamp, plane): &(Stamp, SeafloorPlane)| {
-        let turn = survey.pings.attitude().world_from_body(*stamp)?;
-        let (stretch, origin) =
+    let by_velocity = |(stamp, plane): &(Stamp, SeafloorPlane)| {
+        let rotation = survey.pings.attitude().world_from_body(*stamp)?;
+        let (segment, origin) =
             survey.pings.in_world(*stamp, Point::from_vector(Vector3::zeros()), &survey.rig)?;
-        Some((stretch, upright(Isometry3::from_parts(Translation3::from(origin), turn), plane)))
+        Some((segment, upright(Isometry3::from_parts(Translation3::from(origin), rotation), plane)))
     };
-    let found: Vec<_> = frames.iter().map(by_way).collect();
-    let most = 2 * found.iter().flatten().count() > frames.len();
-    most.then(|| Placed {
+    let found: Vec<_> = frames.iter().map(by_velocity).collect();
+    let is_known = 2 * found.iter().flatten().count() > frames.len();
+    is_known.then(|| Placed {
         poses: found,
         source: format!("velocities of {} and attitude, added up", survey.dvl_topic),
     })
@@ -202,22 +202,23 @@ fn pose_at(poses: &[Pose], stamp: Stamp) -> Option<Isometry3<f64>> {
         (Some(a), Some(b)) if b.stamp.seconds_since(a.stamp) < LONGEST_GAP_S => {
             let share = stamp.seconds_since(a.stamp) / b.stamp.seconds_since(a.stamp);
             let (p, q) = (a.world_from_body, b.world_from_body);
-            let turn = p.rotation.try_slerp(&q.rotation, share, 1e-9).unwrap_or(p.rotation);
+            let rotation = p.rotation.try_slerp(&q.rotation, share, 1e-9).unwrap_or(p.rotation);
             Some(Isometry3::from_parts(
                 Translation3::from(p.translation.vector.lerp(&q.translation.vector, share)),
-                turn,
+                rotation,
             ))
         }
         (a, b) => a.and_then(near).or_else(|| b.and_then(near)),
     }
 }
 
-/// A world with z up: x east and y north where the log's had z down and its axes north and east.
+/// A pose in a world with z up: x east and y north where the log's had z down and its axes north
+/// and east.
 fn upright(world_from_body: Isometry3<f64>, plane: &SeafloorPlane) -> Isometry3<f64> {
     if (world_from_body.rotation * plane.normal.vector()).z <= 0.0 {
         return world_from_body;
     }
-    // North, east, down → east, north, up: half a turn about the line between the first two.
+    // North, east, down → east, north, up: 180° about the bisector of the first two.
     let half_turn = UnitQuaternion::from_axis_angle(
         &nalgebra::Unit::new_normalize(Vector3::new(1.0, 1.0, 0.0)),
         std::f64::consts::PI,
@@ -258,10 +259,10 @@ mod tests {
     use crate::coordinates::Direction;
     use crate::geometry::Support;
 
-    /// A vehicle that looks down is below its own way in either world; seen from above, east is
-    /// right and north is up.
+    /// The seafloor is below the vehicle in either world; seen from above, east is right and north
+    /// is up.
     #[test]
-    fn north_east_down_is_turned_up() {
+    fn north_east_down_becomes_east_north_up() {
         let normal = Direction::from_vector(Vector3::z()).expect("a direction");
         let plane = SeafloorPlane {
             normal,
@@ -274,7 +275,10 @@ mod tests {
         let north_5_east_2 = Isometry3::translation(5.0, 2.0, 30.0);
         let up = upright(north_5_east_2, &plane);
         assert!((up.translation.vector - Vector3::new(2.0, 5.0, -30.0)).norm() < 1e-12, "{up}");
-        assert!(((up.rotation * Vector3::z()) + Vector3::z()).norm() < 1e-12, "the floor is below");
+        assert!(
+            ((up.rotation * Vector3::z()) + Vector3::z()).norm() < 1e-12,
+            "the seafloor is below"
+        );
         // Heading north: the body's x points north, which is now y.
         assert!((up.rotation * Vector3::x() - Vector3::y()).norm() < 1e-12);
     }

@@ -39,14 +39,11 @@ pub fn figure(
         let (Some(record), Some(after)) = (camera.frames.get(*index), corrected.get(index)) else {
             continue;
         };
-        let uri = |codes: &[u8], i: &LinearImage| jpeg_uri(codes, i.shape(), QUALITY);
+        let uri = |values: &[u8], i: &LinearImage| jpeg_uri(values, i.shape(), QUALITY);
         let Ok(after_uri) = uri(&srgb_of_rendered(after), after) else { continue };
         let before_uri = raw.get(index).and_then(|i| uri(&to_srgb(i, brighter), i).ok());
-        let title = format!(
-            "{:.2} m above the floor, {}",
-            record.altitude_m,
-            super::facts::time_of(record.stamp)
-        );
+        let title =
+            format!("altitude {:.2} m, {}", record.altitude_m, super::facts::time_of(record.stamp));
         frames.push(frame_html(
             &title,
             before_uri.as_deref(),
@@ -56,7 +53,7 @@ pub fn figure(
     }
     let count = frames.len();
     let body = if count == 0 {
-        Err("no corrected picture of this camera can be decoded".to_string())
+        Err("no corrected image of this camera can be decoded".to_string())
     } else {
         Ok(slider(&frames.concat(), count, place, !raw.is_empty()))
     };

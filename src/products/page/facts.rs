@@ -1,5 +1,5 @@
-//! The page's words and tables: what was in the log, what was done, how sure it is, what went wrong
-//! and what helps.
+//! Text and tables of the page: contents of the log, what was done, uncertainty, losses and
+//! remedies.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -18,7 +18,7 @@ pub const NINETY_FIVE: f64 = 1.96;
 /// Frames that are named of those that share a reason.
 const NAMED_FRAMES: usize = 5;
 
-/// A moment for people.
+/// A time in RFC 3339.
 pub fn time_of(stamp: Stamp) -> String {
     let nanos = u64::try_from(stamp.0).unwrap_or_default();
     humantime::format_rfc3339_millis(UNIX_EPOCH + Duration::from_nanos(nanos)).to_string()
@@ -29,7 +29,7 @@ pub fn band_names(bands: usize) -> &'static [&'static str] {
     if bands == 1 { &["grey"] } else { &["red", "green", "blue"] }
 }
 
-/// All words about a camera.
+/// Text and tables of a camera.
 pub fn section(log: &CorrectedLog, camera: &CameraLog, number: usize, place: &str) -> String {
     let source = escape_markup(camera.fact("source"));
     let heading = if number == 0 {
@@ -78,84 +78,14 @@ fn contents(log: &CorrectedLog) -> String {
     )
 }
 
+/// Names and values of a table.
+type Rows = Vec<(&'static str, String)>;
+
 fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     let (report, model) = (&camera.report, &camera.model);
-    let mut rows: Vec<(&str, String)> = Vec::new();
-    rows.push(("frames", format!("{} of {} corrected", report.corrected, report.frames)));
-    if let (Some(first), Some(last)) = (camera.frames.first(), camera.frames.last()) {
-        rows.push((
-            "when",
-            format!(
-                "{} to {} ({:.0} s)",
-                time_of(first.stamp),
-                time_of(last.stamp),
-                last.stamp.seconds_since(first.stamp)
-            ),
-        ));
-    }
-    if let Some([low, high]) = report.camera_altitude_m {
-        rows.push(("camera above the floor", format!("{low:.2} to {high:.2} m")));
-    }
-    rows.push(("camera", camera.fact("camera_topic").into()));
-    rows.push(("corrected pictures", camera.fact("corrected_topic").into()));
-    rows.push(("ranges", camera.fact("dvl_topic").into()));
-    let planes: Vec<String> =
-        report.planes.iter().map(|(support, frames)| format!("{frames} {support}")).collect();
-    rows.push(("planes of the floor", planes.join(", ")));
-    rows.push(("method", camera.fact("method").into()));
-    if let Some(strobe) = &model.strobe {
-        let [x, y, z] = strobe.position_in_optical_m;
-        let std = strobe.position_std_m.map_or_else(String::new, |s| {
-            format!(" ± {:.3} m", s.iter().map(|s| s * s).sum::<f64>().sqrt())
-        });
-        let source = match &strobe.source {
-            StrobeSource::Camera => "taken to sit at the camera, as nothing better is known".into(),
-            source => {
-                format!(
-                    "{}, {}, {} of the camera{std} ({source})",
-                    sided(x, "right", "left"),
-                    sided(y, "down", "up"),
-                    sided(z, "ahead", "behind")
-                )
-            }
-        };
-        rows.push(("strobe", source));
-    }
-    if let Some(b) = &model.backscatter {
-        let shares: Vec<String> =
-            b.median_share.iter().map(|s| format!("{:.0} %", 100.0 * s)).collect();
-        rows.push((
-            "scattered back",
-            format!(
-                "{} of the light of tracked points (median; {}), taken off",
-                shares.join(" / "),
-                band_names(shares.len()).join(" / ")
-            ),
-        ));
-    }
-    let followed: Vec<String> = model
-        .light_settings
-        .iter()
-        .map(|s| format!("{} of {} ({})", s.name, s.topic, s.law.word()))
-        .collect();
-    if !followed.is_empty() {
-        rows.push(("light follows", followed.join(", ")));
-    }
-    let share = |name: &str| 100.0 * report.mean_shares.get(name).copied().unwrap_or(0.0);
-    rows.push((
-        "pixels",
-        format!(
-            "{:.2} % clipped as recorded, {:.2} % clipped as corrected, {:.2} % held at the gain \
-             cap, {:.2} % off the floor, {:.2} % lit by a part of the beam never seen before, \
-             {:.2} % with too little light",
-            share("clipped_input"),
-            share("clipped_output"),
-            share("gain_capped"),
-            share("off_surface"),
-            share("unseen_beam"),
-            share("low_signal")
-        ),
-    ));
+    let mut rows = frame_rows(camera);
+    rows.extend(model_rows(model));
+    rows.push(("pixels", pixel_shares(camera)));
     if report.messages_copied > 0 {
         rows.push((
             "messages",
@@ -189,6 +119,98 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     )
 }
 
+/// Frames, channels and method of the run.
+fn frame_rows(camera: &CameraLog) -> Rows {
+    let report = &camera.report;
+    let mut rows: Rows =
+        vec![("frames", format!("{} of {} corrected", report.corrected, report.frames))];
+    if let (Some(first), Some(last)) = (camera.frames.first(), camera.frames.last()) {
+        rows.push((
+            "when",
+            format!(
+                "{} to {} ({:.0} s)",
+                time_of(first.stamp),
+                time_of(last.stamp),
+                last.stamp.seconds_since(first.stamp)
+            ),
+        ));
+    }
+    if let Some([low, high]) = report.camera_altitude_m {
+        rows.push(("altitude of the camera", format!("{low:.2} to {high:.2} m")));
+    }
+    let planes: Vec<String> =
+        report.planes.iter().map(|(support, frames)| format!("{frames} {support}")).collect();
+    rows.extend([
+        ("camera", camera.fact("camera_topic").into()),
+        ("corrected images", camera.fact("corrected_topic").into()),
+        ("ranges", camera.fact("dvl_topic").into()),
+        ("seafloor planes", planes.join(", ")),
+        ("method", camera.fact("method").into()),
+    ]);
+    rows
+}
+
+/// Strobe, backscatter and recorded exposures of the model.
+fn model_rows(model: &ModelFile) -> Rows {
+    let mut rows = Rows::new();
+    if let Some(strobe) = &model.strobe {
+        let [x, y, z] = strobe.position_in_optical_m;
+        let std = strobe.position_std_m.map_or_else(String::new, |s| {
+            format!(" ± {:.3} m", s.iter().map(|s| s * s).sum::<f64>().sqrt())
+        });
+        let text = match &strobe.source {
+            StrobeSource::Camera => "unknown; assumed to be at the camera".into(),
+            source => {
+                format!(
+                    "{}, {}, {} of the camera{std} ({source})",
+                    sided(x, "right", "left"),
+                    sided(y, "down", "up"),
+                    sided(z, "ahead", "behind")
+                )
+            }
+        };
+        rows.push(("strobe", text));
+    }
+    if let Some(b) = &model.backscatter {
+        let shares: Vec<String> =
+            b.median_share.iter().map(|s| format!("{:.0} %", 100.0 * s)).collect();
+        rows.push((
+            "backscatter",
+            format!(
+                "{} of the light of tracked points (median; {}), subtracted",
+                shares.join(" / "),
+                band_names(shares.len()).join(" / ")
+            ),
+        ));
+    }
+    let followed: Vec<String> = model
+        .light_settings
+        .iter()
+        .map(|s| format!("{} of {} ({})", s.name, s.topic, s.law.word()))
+        .collect();
+    if !followed.is_empty() {
+        rows.push(("light follows", followed.join(", ")));
+    }
+    rows
+}
+
+/// Mean shares of pixels that are not reliable.
+fn pixel_shares(camera: &CameraLog) -> String {
+    let shares = &camera.report.mean_shares;
+    let share = |name: &str| 100.0 * shares.get(name).copied().unwrap_or(0.0);
+    format!(
+        "{:.2} % clipped as recorded, {:.2} % clipped as corrected, {:.2} % held at the gain cap, \
+         {:.2} % off the seafloor, {:.2} % lit by a part of the beam that no frame showed before, \
+         {:.2} % with too little light",
+        share("clipped_input"),
+        share("clipped_output"),
+        share("gain_capped"),
+        share("off_surface"),
+        share("unseen_beam"),
+        share("low_signal")
+    )
+}
+
 /// A signed length in words (m).
 fn sided(length_m: f64, positive: &str, negative: &str) -> String {
     format!("{:.2} m {}", length_m.abs(), if length_m < 0.0 { negative } else { positive })
@@ -202,7 +224,7 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
             Some(std) => {
                 format!("{:.4} to {:.4}", alpha - NINETY_FIVE * std, alpha + NINETY_FIVE * std)
             }
-            None => "not known".into(),
+            None => "unknown".into(),
         };
         let name = names.get(b).copied().unwrap_or("");
         let _infallible = write!(
@@ -213,12 +235,12 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
     }
     let kind = match model.attenuation_kind {
         AttenuationKind::Physical => {
-            "<b>Physical</b>: the spreading of the strobe's light is modelled apart, and α is the \
-             water's own."
+            "<b>Physical</b>: the spreading of the strobe's light is modelled apart; α is a \
+             property of the water."
         }
         AttenuationKind::Effective => {
-            "<b>Effective</b>: spreading is not modelled, and α holds it too. Not to be compared \
-             with values of the water."
+            "<b>Effective</b>: spreading is not modelled and is part of α. Not comparable with \
+             coefficients of the water."
         }
     };
     let identified = match (&model.not_identified_because, model.identified) {
@@ -234,8 +256,8 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
         "<section id=\"{place}attenuation\"><h2>Attenuation of the water</h2>{identified}<div \
          class=\"wide\"><table><thead><tr><th scope=\"col\">band</th><th scope=\"col\">α \
          [1/m]</th><th scope=\"col\">95 % interval \
-         [1/m]</th></tr></thead><tbody>{rows}</tbody></table></div><p>{kind} The {} estimator's \
-         answer.</p>{}</section>\n",
+         [1/m]</th></tr></thead><tbody>{rows}</tbody></table></div><p>{kind} Result of the {} \
+         estimator.</p>{}</section>\n",
         model.estimator.word(),
         estimators(model)
     )
@@ -290,14 +312,14 @@ fn list<'d>(diagnostics: impl Iterator<Item = &'d Diagnostic>) -> String {
 }
 
 fn warnings(camera: &CameraLog) -> String {
-    // Why attenuation is not identified stands above already.
+    // The reason why attenuation is not identified is above.
     let warnings = list(camera.report.of(Severity::Warning).filter(|d| !d.is_not_identified()));
     let body = if warnings.is_empty() { "<p>None.</p>".into() } else { warnings };
     let infos = list(camera.report.of(Severity::Info));
     let infos = if infos.is_empty() {
         infos
     } else {
-        format!("<details><summary>What was assumed or mended</summary>{infos}</details>")
+        format!("<details><summary>Assumptions and repairs</summary>{infos}</details>")
     };
     format!("<section><h2>Warnings</h2>{body}{infos}</section>\n")
 }
@@ -316,11 +338,11 @@ fn uncorrected(camera: &CameraLog) -> String {
         if stamps.len() > NAMED_FRAMES {
             times.push(format!("and {} more", stamps.len() - NAMED_FRAMES));
         }
-        let is_meant = |d: &&Diagnostic| match &d.fact {
+        let is_same = |d: &&Diagnostic| match &d.fact {
             Fact::Uncorrected(u) => u.reason.to_string() == **reason,
             _ => false,
         };
-        let known = camera.report.diagnostics.iter().find(is_meant);
+        let known = camera.report.diagnostics.iter().find(is_same);
         let helps = known.and_then(Diagnostic::remedy).unwrap_or_default();
         format!(
             "<tr><td>{}</td><td class=\"words\">{}</td><td class=\"words\">{}</td><td \

@@ -1,9 +1,8 @@
-//! `unwater report`: one page about a corrected log, made of the log alone. It holds its style, its
-//! script and its pictures, asks no network, and reads in light, in dark and on paper.
+//! `unwater report`: one page about a corrected log, made from the log alone. It contains its
+//! style, script and images, needs no network, and is readable in light mode, dark mode and print.
 //!
-//! What the page says comes from the log's own account; pictures and their figures are made anew
-//! through the same correction. A figure that cannot be made is replaced by the sentence that says
-//! why.
+//! Text comes from the records in the log; images are corrected again by the same code. A figure
+//! that cannot be made is replaced by the reason.
 
 mod before_after;
 mod facts;
@@ -27,7 +26,7 @@ use crate::session::Options;
 const MEANS_OF_FRAMES: usize = 120;
 /// Frames that are shown before and after.
 const SHOWN_FRAMES: usize = 5;
-/// Longest side of a shown picture (px).
+/// Longest side of a shown image (px).
 const SHOWN_SIDE: usize = 880;
 
 /// A figure, or why there is none.
@@ -71,15 +70,15 @@ impl Figure {
     }
 }
 
-/// A frame's pictures and numbers, as several figures need them.
+/// Images and numbers of a frame that several figures use.
 pub(super) struct Seen {
     /// index of its record
     record: usize,
     altitude_m: f64,
-    /// mean light per band, of the raw picture
+    /// mean light per band of the raw image
     mean_light: [f64; 3],
     bands: usize,
-    /// the raw picture made smaller, of the frames that are shown
+    /// the raw image, downscaled; of the frames that are shown
     raw: Option<LinearImage>,
     /// Fig. 10, of one frame
     stages: Option<std::result::Result<String, String>>,
@@ -126,7 +125,7 @@ fn of_camera(
         if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES },
     );
     let (seen, bench) = match bench {
-        Ok(bench) => match look(&bench, log, camera, &shown) {
+        Ok(bench) => match read_frames(&bench, log, camera, &shown) {
             Ok(seen) => (seen, Ok(bench)),
             Err(e) => (Vec::new(), Err(e.to_string())),
         },
@@ -136,9 +135,9 @@ fn of_camera(
         .as_ref()
         .err()
         .cloned()
-        .unwrap_or_else(|| "no raw picture of a corrected frame is in this log".into());
+        .unwrap_or_else(|| "no raw image of a corrected frame is in this log".into());
     let staged = seen.iter().find_map(|s| s.stages.clone()).unwrap_or_else(|| Err(no_raw.clone()));
-    // A survey of the corrected pictures tells the way as well where raw ones are gone.
+    // The trajectory does not need raw images: corrected ones do as well.
     let bench =
         bench.or_else(|_| log.bench(camera, Images::Corrected, options).map_err(|e| e.to_string()));
     let frames = before_after::Frames { camera, shown: &shown, seen: &seen };
@@ -178,7 +177,7 @@ fn shown_frames(camera: &CameraLog, max: usize) -> BTreeSet<usize> {
 }
 
 /// Decodes what the figures need, each frame once.
-fn look(
+fn read_frames(
     bench: &Bench,
     log: &CorrectedLog,
     camera: &CameraLog,

@@ -1,8 +1,8 @@
 //! The paper's Fig. 10: one frame raw, corrected for attenuation alone, for the beam pattern alone,
 //! and for both.
 //!
-//! All through the library's own correction. What takes no water away keeps its blue-green cast:
-//! raw and beam pattern alone get no white balance, the other two the balance of the whole log.
+//! All by the library's correction. Raw and beam pattern alone keep the blue-green cast of the
+//! water and get no white balance; the other two get that of the whole log.
 
 use super::super::display::{downscale, exposure, jpeg_uri, to_srgb};
 use super::Figure;
@@ -19,7 +19,7 @@ const QUALITY: u8 = 84;
 pub fn stages(bench: &Bench, frame: &BenchFrame<'_>) -> Result<String, String> {
     let log_colors = bench.log_colors(frame);
     if log_colors.is_empty() {
-        return Err("no part of the frame is lit by the strobe as the model has it".into());
+        return Err("by the model the strobe lights no part of the frame".into());
     }
     let raw = frame.image.clone().into_demosaiced();
     let of_model = &bench.model.file.rendering;
@@ -32,24 +32,24 @@ pub fn stages(bench: &Bench, frame: &BenchFrame<'_>) -> Result<String, String> {
     } else {
         stage(Method::Full, balance)
     };
-    let pictures = [
+    let images = [
         ("raw", raw),
         ("attenuation alone", stage(Method::Attenuation, balance)),
         ("beam pattern alone", stage(Method::BeamPattern, WhiteBalance::None)),
         ("attenuation and beam pattern", both),
     ];
     let mut html = String::from("<div class=\"four\">");
-    for (name, image) in &pictures {
+    for (name, image) in &images {
         let small = downscale(image, SIDE);
-        let is_both = *name == pictures[3].0;
-        // Both is as the log has it; the others are brought to where they can be looked at.
+        let is_both = *name == images[3].0;
+        // The last has the exposure of the log; the others get one of their own.
         let factor = if is_both { 1.0 } else { exposure(std::iter::once(&small)) };
         html += &tile(name, &small, factor)?;
     }
     Ok(html + "</div>")
 }
 
-/// The balance between bands that a log's exposure holds.
+/// The white balance in the gains of a log.
 fn balance_of(gain: &[f64]) -> WhiteBalance {
     match gain {
         [r, g, b] if [r, g, b].iter().all(|v| **v > 0.0) => {
@@ -73,6 +73,6 @@ fn tile(name: &str, image: &LinearImage, factor: f32) -> Result<String, String> 
 pub fn figure(body: Result<String, String>) -> Figure {
     let caption = "One frame, as in the paper's Fig. 10. Raw and beam pattern alone have no white \
                    balance and keep the water's cast; the other two have that of the whole log. \
-                   Each is exposed for itself, but for the last, which is what stands in the log.";
+                   Each has an exposure of its own, except the last, which is as in the log.";
     Figure::of("stages", "Stages of correction (Fig. 10)", body, caption)
 }

@@ -1,5 +1,5 @@
-//! The dive seen from above, coloured by altitude and by how well planes fit; along time where the
-//! log tells no way.
+//! The trajectory seen from above, coloured by altitude and by the residual of the seafloor plane;
+//! along time where the log has no trajectory.
 
 use super::super::dive::{CameraLog, FrameRecord};
 use super::super::places::{Places, east_north, fix_at, placed};
@@ -8,10 +8,10 @@ use super::facts::time_of;
 use crate::plot::{Axis, Plot, Ramp, Shape, escape_markup};
 use crate::run::bench::Bench;
 
-/// Points of a track, at most; thinned evenly.
-const MOST_POINTS: usize = 1500;
+/// Maximum number of points; more are thinned evenly.
+const MAX_POINTS: usize = 1500;
 
-/// A value of a frame, and how it is called.
+/// A value of a frame with its name and texts.
 struct Quantity {
     id: &'static str,
     name: &'static str,
@@ -26,17 +26,17 @@ const QUANTITIES: [Quantity; 2] = [
         id: "track-altitude",
         name: "altitude",
         label: "altitude [m]",
-        means: "the height of the camera over the floor's plane",
+        means: "the altitude of the camera over the seafloor plane",
         of: |f| f.altitude_m,
-        missing: "no frame has a floor below it",
+        missing: "no frame has a seafloor plane",
     },
     Quantity {
         id: "track-residual",
         name: "plane residual",
         label: "residual [m]",
-        means: "root mean square of the hits' heights over the plane",
+        means: "root mean square distance of the returns from the plane",
         of: |f| f.seafloor.as_ref().map_or(f64::NAN, |p| p.residual_m),
-        missing: "no plane is held by more returns than it needs, so nothing is left over (an \
+        missing: "no plane has more returns than it needs, so there is no residual (an \
                   altimeter, or three beams)",
     },
 ];
@@ -48,20 +48,24 @@ pub fn figures(
     places: &Places,
     place: &str,
 ) -> Vec<Figure> {
-    let step = camera.frames.len().div_ceil(MOST_POINTS).max(1);
+    let step = camera.frames.len().div_ceil(MAX_POINTS).max(1);
     let frames: Vec<&FrameRecord> = camera.frames.iter().step_by(step).collect();
-    let way = way(&frames, bench, places);
-    QUANTITIES.iter().map(|quantity| figure(quantity, &frames, way.as_ref(), place)).collect()
+    let track = track(&frames, bench, places);
+    QUANTITIES.iter().map(|quantity| figure(quantity, &frames, track.as_ref(), place)).collect()
 }
 
-/// Where frames were, seen from above (m), and words.
-struct Way {
+/// Positions of the frames seen from above (m), labels of the axes and the source.
+struct Track {
     at: Vec<Option<[f64; 2]>>,
     labels: [&'static str; 2],
     source: String,
 }
 
-fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places) -> Option<Way> {
+fn track(
+    frames: &[&FrameRecord],
+    bench: Result<&Bench, &String>,
+    places: &Places,
+) -> Option<Track> {
     let by_pose = bench.ok().and_then(|bench| {
         let survey = &bench.session.survey;
         let with_planes: Vec<_> =
@@ -77,7 +81,7 @@ fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places)
             let p = pose * nalgebra::Point3::from(camera);
             Some([p.x, p.y])
         });
-        Some(Way { at: at.collect(), labels: ["x [m]", "y [m]"], source: placed.source })
+        Some(Track { at: at.collect(), labels: ["x [m]", "y [m]"], source: placed.source })
     });
     by_pose.or_else(|| {
         let (topic, fixes) = places.best_fixes()?;
@@ -86,8 +90,8 @@ fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places)
             .iter()
             .map(|f| fix_at(fixes, f.stamp).map(|fix| east_north(&fix, first)))
             .collect();
-        let most = 2 * at.iter().flatten().count() > frames.len();
-        most.then(|| Way {
+        let is_known = 2 * at.iter().flatten().count() > frames.len();
+        is_known.then(|| Track {
             at,
             labels: ["east [m]", "north [m]"],
             source: format!("fixes of {topic}, from the first one"),
@@ -95,81 +99,105 @@ fn way(frames: &[&FrameRecord], bench: Result<&Bench, &String>, places: &Places)
     })
 }
 
-fn figure(quantity: &Quantity, frames: &[&FrameRecord], way: Option<&Way>, place: &str) -> Figure {
-    let seen_from_above = format!("Track from above, by {}", quantity.name);
-    let along_time = format!("Along the dive: {}", quantity.name);
-    let values: Vec<f64> = frames.iter().map(|f| (quantity.of)(f)).collect();
-    if !values.iter().any(|v| v.is_finite()) {
-        return Figure::of(
-            quantity.id,
-            if way.is_some() { &seen_from_above } else { &along_time },
-            Err(quantity.missing.into()),
-            "",
-        );
-    }
-    let uncorrected = frames.iter().filter(|f| !f.corrected).count();
-    let says = |f: &FrameRecord, v: f64| {
-        format!(
-            "{}: {v:.3} m, {}{}",
-            quantity.name,
-            time_of(f.stamp),
-            if f.corrected { "" } else { " (not corrected)" }
-        )
-    };
-    let id = format!("{place}plot-{}", quantity.id);
-    let grey = if uncorrected > 0 { " Hollow: no value." } else { "" };
-    if let Some(way) = way {
-        let (x, y) = equal_axes(way);
-        let field = field_of(&x, &y);
-        let mut plot = Plot::new(&seen_from_above, x, y, field)
-            .with_bar(Ramp::Viridis, Axis::fitting(quantity.label, values.iter().copied()));
-        let line: Vec<(f64, f64)> =
-            way.at.iter().map(|p| p.map_or((f64::NAN, f64::NAN), |[x, y]| (x, y))).collect();
-        plot.line("way", &line);
-        for ((frame, value), at) in frames.iter().zip(&values).zip(&way.at) {
-            if let Some([x, y]) = at {
-                plot.colored_point(
-                    (*x, *y),
-                    *value,
-                    &format!("{}; at {x:.2}, {y:.2} m", says(frame, *value)),
-                );
-            }
-        }
-        let caption = format!(
-            "One point a frame, where the camera was, seen from above: {}. Places from {}.{grey}",
-            quantity.means,
-            escape_markup(&way.source)
-        );
-        return Figure::of(quantity.id, &seen_from_above, Ok(plot.into_svg(&id)), &caption);
-    }
-    let start = frames.first().map_or(frames[0].stamp, |f| f.stamp);
-    let seconds = |f: &FrameRecord| f.stamp.seconds_since(start);
-    let x = Axis::fitting("time since the first frame [s]", frames.iter().map(|f| seconds(f)));
-    let mut plot = Plot::new(
-        &along_time,
-        x,
-        Axis::fitting(quantity.label, values.iter().copied()),
-        (450.0, 190.0),
-    );
-    plot.line(
-        "way",
-        &frames.iter().zip(&values).map(|(f, v)| (seconds(f), *v)).collect::<Vec<_>>(),
-    );
-    for (frame, value) in frames.iter().zip(&values) {
-        plot.point("b-grey", Shape::Dot, (seconds(frame), *value), &says(frame, *value));
-    }
-    let caption = format!(
-        "{}. Along time, as the log tells no way over the ground: it has no odometry, no \
-         position, and no velocity with an attitude.",
-        quantity.means
-    );
-    Figure::of(quantity.id, &along_time, Ok(plot.into_svg(&id)), &caption)
+/// Frames and the values of one quantity, for either figure.
+struct Values<'f> {
+    quantity: &'f Quantity,
+    frames: &'f [&'f FrameRecord],
+    values: Vec<f64>,
 }
 
-/// Axes of one scale around all places.
-fn equal_axes(way: &Way) -> (Axis, Axis) {
-    let of = |k: usize| way.at.iter().flatten().map(move |p| p[k]);
-    let (mut x, mut y) = (Axis::fitting(way.labels[0], of(0)), Axis::fitting(way.labels[1], of(1)));
+fn figure(
+    quantity: &Quantity,
+    frames: &[&FrameRecord],
+    track: Option<&Track>,
+    place: &str,
+) -> Figure {
+    let title = match track {
+        Some(_) => format!("Track from above, by {}", quantity.name),
+        None => format!("Along the dive: {}", quantity.name),
+    };
+    let values: Vec<f64> = frames.iter().map(|f| (quantity.of)(f)).collect();
+    if !values.iter().any(|v| v.is_finite()) {
+        return Figure::of(quantity.id, &title, Err(quantity.missing.into()), "");
+    }
+    let values = Values { quantity, frames, values };
+    let (plot, caption) = match track {
+        Some(track) => (values.seen_from_above(track, &title), values.caption_from_above(track)),
+        None => (
+            values.along_time(&title),
+            format!(
+                "{}. Along time, as the log has no trajectory: no odometry, no position, and no \
+                 velocity with an attitude.",
+                quantity.means
+            ),
+        ),
+    };
+    let svg = plot.into_svg(&format!("{place}plot-{}", quantity.id));
+    Figure::of(quantity.id, &title, Ok(svg), &caption)
+}
+
+impl Values<'_> {
+    /// Text of a point.
+    fn text(&self, frame: &FrameRecord, value: f64) -> String {
+        format!(
+            "{}: {value:.3} m, {}{}",
+            self.quantity.name,
+            time_of(frame.stamp),
+            if frame.corrected { "" } else { " (not corrected)" }
+        )
+    }
+
+    fn axis(&self) -> Axis {
+        Axis::fitting(self.quantity.label, self.values.iter().copied())
+    }
+
+    fn seen_from_above(&self, track: &Track, title: &str) -> Plot {
+        let (x, y) = equal_axes(track);
+        let field = field_of(&x, &y);
+        let mut plot = Plot::new(title, x, y, field).with_bar(Ramp::Viridis, self.axis());
+        let line: Vec<(f64, f64)> =
+            track.at.iter().map(|p| p.map_or((f64::NAN, f64::NAN), |[x, y]| (x, y))).collect();
+        plot.line("way", &line);
+        for ((frame, value), at) in self.frames.iter().zip(&self.values).zip(&track.at) {
+            if let Some([x, y]) = at {
+                let text = format!("{}; at {x:.2}, {y:.2} m", self.text(frame, *value));
+                plot.colored_point((*x, *y), *value, &text);
+            }
+        }
+        plot
+    }
+
+    fn caption_from_above(&self, track: &Track) -> String {
+        let hollow =
+            if self.frames.iter().all(|f| f.corrected) { "" } else { " Hollow: no value." };
+        format!(
+            "One point per frame at the position of the camera, seen from above: {}. Positions \
+             from {}.{hollow}",
+            self.quantity.means,
+            escape_markup(&track.source)
+        )
+    }
+
+    fn along_time(&self, title: &str) -> Plot {
+        let start = self.frames.first().map(|f| f.stamp).unwrap_or_default();
+        let seconds = |f: &FrameRecord| f.stamp.seconds_since(start);
+        let times = self.frames.iter().map(|f| seconds(f));
+        let x = Axis::fitting("time since the first frame [s]", times.clone());
+        let mut plot = Plot::new(title, x, self.axis(), (450.0, 190.0));
+        plot.line("way", &times.zip(self.values.iter().copied()).collect::<Vec<_>>());
+        for (frame, value) in self.frames.iter().zip(&self.values) {
+            let text = self.text(frame, *value);
+            plot.point("b-grey", Shape::Dot, (seconds(frame), *value), &text);
+        }
+        plot
+    }
+}
+
+/// Axes of one scale around all positions.
+fn equal_axes(track: &Track) -> (Axis, Axis) {
+    let of = |k: usize| track.at.iter().flatten().map(move |p| p[k]);
+    let (mut x, mut y) =
+        (Axis::fitting(track.labels[0], of(0)), Axis::fitting(track.labels[1], of(1)));
     // A straight leg still needs a field that has both sides.
     let least = 0.35 * (x.to - x.from).max(y.to - y.from).max(0.2);
     for axis in [&mut x, &mut y] {
