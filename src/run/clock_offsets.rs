@@ -56,7 +56,8 @@ pub enum ClockOffset {
 impl ClockOffset {
     /// Whether it differs from 0 significantly.
     pub fn is_off(&self) -> bool {
-        matches!(self, Self::Estimated { offset_s, std_s } if offset_s.abs() > (3.0 * std_s).max(STEP_S))
+        let Self::Estimated { offset_s, std_s } = self else { return false };
+        offset_s.abs() > (3.0 * std_s).max(STEP_S)
     }
 }
 
@@ -89,10 +90,10 @@ impl ClockOffsets {
     }
 }
 
-/// Looks at a log for offsets between its clocks.
+/// Estimates the offsets between the clocks of a log.
 ///
 /// # Errors
-/// None of its own.
+/// The log cannot be read.
 pub fn clock_offsets(log: &CameraSession, options: &Options) -> Result<ClockOffsets> {
     let threads = Threads::new(options.threads);
     let seafloor = &options.config.seafloor;
@@ -102,16 +103,16 @@ pub fn clock_offsets(log: &CameraSession, options: &Options) -> Result<ClockOffs
     let collected =
         PassOne { session: log, config, max_frames, threads: &threads, progress }.collect()?;
     let (pings, rig) = (&log.survey.pings, &log.survey.rig);
-    // Pairs share frames: about as many tell something of their own as there are frames.
+    // Pairs share frames: about as many are independent as there are frames.
     let per_frame = collected.pairs.len() as f64 / collected.frames.len().max(1) as f64;
     let ranges = offset(&threads, per_frame.max(1.0), |shift| {
-        scale_misfits(&collected, &shifted(pings, shift), rig, seafloor)
+        scale_residuals(&collected, &shifted(pings, shift), rig, seafloor)
     })?;
     let normals = normals(pings, rig, seafloor);
     let of_attitude =
-        offset(&threads, 1.0, |shift| turned_misfits(&normals, pings.attitude(), shift))?;
+        offset(&threads, 1.0, |shift| normal_residuals(&normals, pings.attitude(), shift))?;
     let attitude = match (&ranges, of_attitude) {
-        // The pings move by the one, and the attitude with them.
+        // The attitude's offset is relative to the pings'.
         (
             ClockOffset::Estimated { offset_s: a, std_s: b },
             ClockOffset::Estimated { offset_s, std_s },
@@ -121,16 +122,16 @@ pub fn clock_offsets(log: &CameraSession, options: &Options) -> Result<ClockOffs
     Ok(ClockOffsets { ranges, attitude })
 }
 
-/// The offset at which the misfits' mean square is least. `misfits` gives one per observation,
-/// `None` where it has none; `alike` of them tell the same.
+/// The offset with the smallest mean square residual. `residuals` returns one per observation, or
+/// `None`; one in `per_independent` of them is independent.
 fn offset(
     threads: &Threads,
-    alike: f64,
-    misfits: impl Fn(f64) -> Vec<Option<f64>> + Sync,
+    per_independent: f64,
+    residuals: impl Fn(f64) -> Vec<Option<f64>> + Sync,
 ) -> Result<ClockOffset> {
     let steps = (MAX_OFFSET_S / STEP_S) as i32;
     let mut curve: Vec<(f64, Vec<Option<f64>>)> = Vec::new();
-    let at = |step: i32| (f64::from(step) * STEP_S, misfits(f64::from(step) * STEP_S));
+    let at = |step: i32| (f64::from(step) * STEP_S, residuals(f64::from(step) * STEP_S));
     ordered_map(
         -steps..=steps,
         16,
@@ -142,29 +143,30 @@ fn offset(
             Ok(())
         },
     )?;
-    Ok(least(&curve, alike))
+    Ok(minimum(&curve, per_independent))
 }
 
-fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> ClockOffset {
+fn minimum(curve: &[(f64, Vec<Option<f64>>)], per_independent: f64) -> ClockOffset {
     let most = curve.iter().map(|(_, m)| m.iter().flatten().count()).max().unwrap_or(0);
-    let independent = most as f64 / alike;
+    let independent = most as f64 / per_independent;
     if most < MIN_OBSERVATIONS {
         return ClockOffset::Unknown(OffsetUnknown::FewObservations);
     }
-    // Wrong matches and boulders: what lies beyond three times the usual counts as three times the
-    // usual.
-    let usual = |misfits: &[Option<f64>]| {
-        let mut sizes: Vec<f64> = misfits.iter().flatten().map(|m| m.abs()).collect();
+    // Wrong matches and boulders: residuals beyond three robust standard deviations are limited to
+    // that.
+    let median_size = |residuals: &[Option<f64>]| {
+        let mut sizes: Vec<f64> = residuals.iter().flatten().map(|m| m.abs()).collect();
         sizes.sort_by(f64::total_cmp);
         sizes.get(sizes.len() / 2).copied().unwrap_or(f64::INFINITY)
     };
-    let enough = |misfits: &[Option<f64>]| {
-        misfits.iter().flatten().count() as f64 >= MIN_SHARE * most as f64
+    let enough = |residuals: &[Option<f64>]| {
+        residuals.iter().flatten().count() as f64 >= MIN_SHARE * most as f64
     };
     let compared: Vec<&(f64, Vec<Option<f64>>)> = curve.iter().filter(|(_, m)| enough(m)).collect();
-    let limit = 3.0 * 1.4826 * compared.iter().map(|(_, m)| usual(m)).fold(f64::INFINITY, f64::min);
-    let mean_square = |misfits: &[Option<f64>]| {
-        let (sum, count) = misfits
+    let limit =
+        3.0 * 1.4826 * compared.iter().map(|(_, m)| median_size(m)).fold(f64::INFINITY, f64::min);
+    let mean_square = |residuals: &[Option<f64>]| {
+        let (sum, count) = residuals
             .iter()
             .flatten()
             .fold((0.0, 0.0), |(s, n), m| (s + m.abs().min(limit).powi(2), n + 1.0));
@@ -179,14 +181,14 @@ fn least(curve: &[(f64, Vec<Option<f64>>)], alike: f64) -> ClockOffset {
         return ClockOffset::Unknown(OffsetUnknown::NoMinimum);
     }
     let (low, here, high) = (points[best - 1].1, points[best].1, points[best + 1].1);
-    let bend = low - 2.0 * here + high;
-    let offset_s =
-        points[best].0 + if bend > 0.0 { 0.5 * STEP_S * (low - high) / bend } else { 0.0 };
+    let curvature = low - 2.0 * here + high;
+    let offset_s = points[best].0
+        + if curvature > 0.0 { 0.5 * STEP_S * (low - high) / curvature } else { 0.0 };
     // Offsets whose residual is larger by less than chance are not distinguished.
     let worse = here * (1.0 + 9.0 / independent);
     let farthest =
         points.iter().filter(|p| p.1 <= worse).map(|p| (p.0 - offset_s).abs()).fold(0.0, f64::max);
-    // From the curve's own bend over a wider span: three standard deviations of a parabola.
+    // From the curvature of the residual over a wider span.
     let wide = |k: usize| {
         Some((points.get(best.checked_sub(k)?)?.1 + points.get(best + k)?.1) / 2.0 - here)
     };
@@ -203,8 +205,8 @@ fn shifted(pings: &SeafloorEstimator, shift_s: f64) -> SeafloorEstimator {
     SeafloorEstimator::new(moved, pings.attitude().clone())
 }
 
-/// Per pair of frames: the logarithm of the size of what both see, by the one frame over the other.
-fn scale_misfits(
+/// Per pair of frames: log ratio of the extents of the seafloor points that both show.
+fn scale_residuals(
     seen: &Collected,
     pings: &SeafloorEstimator,
     rig: &Rig,
@@ -237,12 +239,12 @@ fn scale_misfits(
     seen.pairs.iter().map(of_pair).collect()
 }
 
-/// Root mean square distance from the middle.
+/// Root mean square distance from the centroid (m); `None` for fewer than six points.
 fn spread(points: &[Vector3<f64>]) -> Option<f64> {
     let n = points.len() as f64;
-    let middle = points.iter().sum::<Vector3<f64>>() / n;
+    let centroid = points.iter().sum::<Vector3<f64>>() / n;
     (points.len() >= 6)
-        .then(|| (points.iter().map(|p| (p - middle).norm_squared()).sum::<f64>() / n).sqrt())
+        .then(|| (points.iter().map(|p| (p - centroid).norm_squared()).sum::<f64>() / n).sqrt())
 }
 
 /// Normals of single pings in body space.
@@ -259,25 +261,25 @@ fn normals(
     pings.all().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()
 }
 
-/// Per ping: how far its normal in the world lies from the mean of its stretch (rad). The attitude
-/// is `shift_s` later.
-fn turned_misfits(
+/// Per ping: distance of its normal in the world from the mean of its segment (rad), with the
+/// attitude later by `shift_s`.
+fn normal_residuals(
     normals: &[(Stamp, Vector3<f64>)],
     attitude: &AttitudeTrack,
     shift_s: f64,
 ) -> Vec<Option<f64>> {
-    let turned = |(stamp, normal): &(Stamp, Vector3<f64>)| {
+    let in_world = |(stamp, normal): &(Stamp, Vector3<f64>)| {
         Some(attitude.world_from_body(stamp.plus_seconds(-shift_s))? * normal)
     };
-    let stretch = |stamp: Stamp| {
+    let segment = |stamp: Stamp| {
         normals.first().map_or(0, |first| (stamp.seconds_since(first.0) / SEGMENT_S) as i64)
     };
-    let mut misfits = Vec::new();
-    for group in normals.chunk_by(|a, b| stretch(a.0) == stretch(b.0)) {
-        let world: Vec<Option<Vector3<f64>>> = group.iter().map(turned).collect();
+    let mut residuals = Vec::new();
+    for group in normals.chunk_by(|a, b| segment(a.0) == segment(b.0)) {
+        let world: Vec<Option<Vector3<f64>>> = group.iter().map(in_world).collect();
         let count = world.iter().flatten().count().max(1) as f64;
         let mean = world.iter().flatten().sum::<Vector3<f64>>() / count;
-        misfits.extend(world.iter().map(|n| n.map(|n| (n - mean).norm())));
+        residuals.extend(world.iter().map(|n| n.map(|n| (n - mean).norm())));
     }
-    misfits
+    residuals
 }

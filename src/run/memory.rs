@@ -1,72 +1,70 @@
-//! How much memory a run takes at most. It follows from the pictures' size and the number of cores,
-//! not from the log's length: what waits, and what is worked on, is bounded where it is made
-//! (`cores.rs`).
+//! Upper bound of a run's memory. It depends on the size of the images and the number of threads,
+//! not on the length of the log: the number of frames in flight is bounded (`parallel.rs`).
 
 use crate::config::{Config, ImageFormat, Method};
 
 use super::pass_two::{CHUNKS_PER_THREAD, FRAMES_PER_THREAD};
 
-/// The program, its tables, the model, and an hour of pings and attitudes (48 bytes each attitude,
-/// some 120 each ping) (byte).
+/// The program, its tables, the model, and an hour of pings (about 120 bytes each) and attitudes
+/// (48 bytes each) (byte).
 const BASE: usize = 64 << 20;
-/// A picture of 8 bits while it is decoded, corrected and encoded in pass two, per pixel: codes
-/// before and after, and what becomes of them (byte).
+/// An 8-bit image while it is decoded, corrected and encoded in pass two, per pixel: pixel values
+/// before and after, and the encoded image (byte).
 const CORRECT_PER_PIXEL: usize = 12;
-/// Any other picture, one that a baseline works on, and every picture in pass one: its light as
-/// well (byte).
+/// Any other image, an image that a baseline processes, and every image in pass one, per pixel:
+/// its linear light as well (byte).
 const LIGHT_PER_PIXEL: usize = 20;
-/// What pass one keeps of a frame: keypoints with what they look like, samples of the ground
-/// (byte).
+/// Data of a frame that pass one keeps: keypoints with descriptors, samples of the seafloor (byte).
 const SAMPLES_PER_FRAME: usize = 2 << 20;
 
-/// What decides on a run's memory.
+/// The quantities that determine a run's memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Load {
-    /// cores
+    /// number of threads
     pub threads: usize,
-    /// pixels of a picture
+    /// pixels of an image
     pub pixels: usize,
-    /// a picture's message in the input (byte)
+    /// an image message of the input (byte)
     pub source_bytes: usize,
-    /// frames that pass one keeps samples of; 0 where the model is given
+    /// frames of which pass one keeps samples; 0 where the model is given
     pub pass_one_frames: usize,
 }
 
 /// A bound in its parts (byte).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bound {
-    /// the program itself
+    /// the program
     pub base: usize,
-    /// pass one: frames that are worked on and wait, and the samples of all, which are gone when
+    /// pass one: frames in progress and in queues, and the samples of all, which are freed before
     /// pass two begins
     pub pass_one: usize,
-    /// pass two: frames that are worked on
-    pub at_work: usize,
-    /// frames that wait, encoded, before or after the work
-    pub waiting: usize,
-    /// chunks, packed and unpacked, before and after
+    /// pass two: frames in progress
+    pub in_progress: usize,
+    /// encoded frames in the queues before and after
+    pub queued: usize,
+    /// chunks of input and output, compressed and decompressed
     pub chunks: usize,
 }
 
 impl Bound {
     /// All of it.
     pub fn total(&self) -> usize {
-        self.base + (self.at_work + self.waiting + self.chunks).max(self.pass_one)
+        self.base + (self.in_progress + self.queued + self.chunks).max(self.pass_one)
     }
 }
 
 impl Load {
-    /// The most memory that such a run takes.
+    /// Upper bound of the memory of such a run.
     pub fn bound(&self, config: &Config) -> Bound {
         let Self { threads, pixels, source_bytes, pass_one_frames } = *self;
-        let under_way = if threads > 1 { FRAMES_PER_THREAD * threads } else { 1 };
-        // A corrected picture as JPEG is smaller than a byte per pixel; raw or PNG it may be as
-        // large as its codes.
+        let in_flight = if threads > 1 { FRAMES_PER_THREAD * threads } else { 1 };
+        // A corrected image as JPEG is smaller than a byte per pixel; raw or PNG it may be as large
+        // as its pixel values.
         let packed = matches!(config.render.image_format, ImageFormat::Auto | ImageFormat::Jpeg)
             && config.render.depth == 8;
         let output_bytes =
             if packed { pixels } else { 3 * pixels * usize::from(config.render.depth) / 8 };
-        // A chunk holds one picture at least, and lies in memory twice: as it is and unpacked.
+        // A chunk has one image or more, and is in memory twice: compressed and decompressed.
         let chunk = 2 * source_bytes.max(4 << 20);
         let own = (config.output.chunk_size_mib << 20) as usize + output_bytes;
         let stage = |chunk: usize| {
@@ -82,14 +80,14 @@ impl Load {
             base: BASE,
             pass_one: if pass_one_frames > 0 {
                 in_light
-                    + under_way * source_bytes
+                    + in_flight * source_bytes
                     + stage(chunk)
                     + pass_one_frames * SAMPLES_PER_FRAME
             } else {
                 0
             },
-            at_work: if is_lean { threads * pixels * CORRECT_PER_PIXEL } else { in_light },
-            waiting: under_way * (source_bytes + output_bytes),
+            in_progress: if is_lean { threads * pixels * CORRECT_PER_PIXEL } else { in_light },
+            queued: in_flight * (source_bytes + output_bytes),
             chunks: stage(chunk) + stage(own) + own,
         }
     }
@@ -99,8 +97,8 @@ impl Load {
 pub fn table(config: &Config, threads: usize) -> String {
     let mb = |bytes: usize| (bytes as f64 / 1e6).round();
     let mut text = format!(
-        "\n# Memory at most, however long the log is, with {threads} threads (-j) and JPEG \
-         pictures of half a byte per pixel [MB]:\n#   megapixels   pass two   both passes\n"
+        "\n# Upper bound of memory for logs of any length, with {threads} threads (-j) and \
+         JPEG images of half a byte per pixel [MB]:\n#   megapixels   pass two   both passes\n"
     );
     for megapixels in [1.3, 5.0, 12.0] {
         let pixels = (megapixels * 1e6) as usize;
@@ -115,9 +113,9 @@ pub fn table(config: &Config, threads: usize) -> String {
     }
     text + &format!(
         "# pass two: {} + threads * (pixels * {CORRECT_PER_PIXEL} bytes + {FRAMES_PER_THREAD} * \
-         (picture in + picture out)) + chunks ({} per thread, two at least);\n# pass one: {} + \
-         threads * pixels * {LIGHT_PER_PIXEL} bytes + the same of pictures in and chunks + {:.1} \
-         for each of estimate.max_frames.\n",
+         (input image + output image)) + chunks ({} per thread, at least two);\n# pass one: {} + \
+         threads * pixels * {LIGHT_PER_PIXEL} bytes + input images and chunks as above + {:.1} for \
+         each of estimate.max_frames.\n",
         mb(BASE),
         mb(CHUNKS_PER_THREAD),
         mb(BASE),
@@ -130,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn twelve_megapixels_on_two_cores_and_more_of_everything_is_more() {
+    fn the_bound_grows_with_threads_pixels_and_message_size() {
         let config = Config::default();
         let load =
             Load { threads: 2, pixels: 12_000_000, source_bytes: 6_000_000, pass_one_frames: 0 };
