@@ -134,11 +134,24 @@ mod tests {
     use super::*;
     use crate::diagnostics::MountFact;
 
-    const MODEL: &str = r#"{"format": "unwater-model", "version": 1, "spreading": "strobe", "spreading_exponents": [2.0, 0.0], "incidence": true,
-        "attenuation_per_m": [0.45, 0.14, 0.1], "attenuation_std_per_m": [0.001, 0.001, null], "attenuation_kind": "physical", "identified": true,
-        "estimator": "joint", "estimators": {}, "strobe": null, "backscatter": null, "frame_gains": [], "light_settings": [], "warnings": [],
-        "beam_pattern": {"theta_deg": [-70, 0, 70], "phi_deg": [-70, 0, 70], "log_gain": [[0, 0, 0], [0, 0, 0], [0, 0, 0]]}, "segments": [],
-        "rendering": {"method": "full", "gain": [1, 1, 1], "median_correction": [1, 1, 1], "white_level": null}, "inputs": []}"#;
+    const MODEL: &str = r#"{
+        "format": "unwater-model", "version": 1,
+        "spreading": "strobe", "spreading_exponents": [2.0, 0.0], "incidence": true,
+        "attenuation_per_m": [0.45, 0.14, 0.1],
+        "attenuation_std_per_m": [0.001, 0.001, null],
+        "attenuation_kind": "physical", "identified": true,
+        "estimator": "joint", "estimators": {}, "strobe": null, "backscatter": null,
+        "frame_gains": [], "light_settings": [], "warnings": [], "segments": [],
+        "beam_pattern": {
+            "theta_deg": [-70, 0, 70], "phi_deg": [-70, 0, 70],
+            "log_gain": [[0, 0, 0], [0, 0, 0], [0, 0, 0]]
+        },
+        "rendering": {
+            "method": "full", "gain": [1, 1, 1], "median_correction": [1, 1, 1],
+            "white_level": null
+        },
+        "inputs": []
+    }"#;
 
     fn report() -> Report {
         Report {

@@ -89,7 +89,10 @@ fn scene(camera: &CameraTopics) -> Value {
             topics.insert(topic.clone(), settings);
         }
     };
-    let points = |size: f64| json!({ "visible": true, "pointShape": "square", "pointSize": size, "decayTime": 0 });
+    let points = |size: f64| {
+        let shape = "square";
+        json!({ "visible": true, "pointShape": shape, "pointSize": size, "decayTime": 0 })
+    };
     show(&camera.cloud, points(5.0));
     show(&camera.strobe_beam, points(3.0));
     show(&camera.strobe, json!({ "visible": true, "type": "axis", "axisScale": 0.3 }));

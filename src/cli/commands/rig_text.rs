@@ -92,7 +92,8 @@ impl Mount {
             ),
             None => format!(
                 "\n# [{section}.mount]  # {}: {about}\n# translation_m = [0.0, 0.0, 0.0]  # \
-                 position in the body [m]\n# roll_pitch_yaw_deg = [0.0, 0.0, 0.0]  # or rotation_xyzw\n",
+                 position in the body [m]\n# roll_pitch_yaw_deg = [0.0, 0.0, 0.0]  # or \
+                 rotation_xyzw\n",
                 if *is_needed { "FILL IN" } else { "where it is known" }
             ),
         }

@@ -10,7 +10,7 @@ use super::source::{Source, sources};
 type Path = Vec<String>;
 
 /// How many files there still are in cycles. This number may only become smaller.
-const FILES_IN_CYCLES: usize = 34;
+const FILES_IN_CYCLES: usize = 24;
 
 /// Code without comments, texts and the tests at a file's end.
 fn bare(text: &str) -> String {

@@ -9,10 +9,10 @@ const LINES_OF_FUNCTION: usize = 60;
 const ARGUMENTS: usize = 5;
 
 /// How many exceptions there still are. These numbers may only become smaller.
-const LONG_FILES: usize = 2;
-const LONG_FUNCTIONS: usize = 25;
-const LONG_SIGNATURES: usize = 18;
-const WIDE_LINES: usize = 61;
+const LONG_FILES: usize = 0;
+const LONG_FUNCTIONS: usize = 2;
+const LONG_SIGNATURES: usize = 6;
+const WIDE_LINES: usize = 8;
 
 /// A function with the number of its lines of code and of its arguments, as clippy counts them.
 struct Function {
