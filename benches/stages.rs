@@ -1,4 +1,4 @@
-//! What each stage costs, one core, on a picture of 1.3 megapixels: `cargo bench`. Items are pixels
+//! What each stage costs, one core, on an image of 1.3 megapixels: `cargo bench`. Items are pixels
 //! but where a name says otherwise.
 //!
 //! Times of one machine on one day; what is compared, and with whom, stands in
@@ -59,7 +59,7 @@ fn raw(encoding: &str, data: &[u8], channels: usize) -> PixelValues<'static> {
     // Lives as long as the program: a bench's input.
     let (data, encoding): (&'static [u8], &'static str) =
         (data.to_vec().leak(), String::from(encoding).leak());
-    let picture = EncodedImage::Raw {
+    let image = EncodedImage::Raw {
         width: SIZE.0,
         height: SIZE.1,
         encoding,
@@ -67,7 +67,7 @@ fn raw(encoding: &str, data: &[u8], channels: usize) -> PixelValues<'static> {
         step: SIZE.0 * channels,
         data,
     };
-    read_pixels(&picture, CameraResponse::default()).unwrap()
+    read_pixels(&image, CameraResponse::default()).unwrap()
 }
 
 struct Scene {
@@ -132,7 +132,7 @@ impl Scene {
         View { camera: &self.rig.camera, rig: &self.rig, plane: &self.plane, terrain: None }
     }
 
-    /// All that pass two does to a picture between its codecs.
+    /// All that pass two does to an image between its codecs.
     fn correct(&self, codes: &PixelValues<'_>, table: &SrgbTable, out: &mut Vec<u8>) {
         let correction = Correction {
             model: &self.model,
@@ -162,10 +162,10 @@ impl Scene {
 #[divan::bench]
 fn jpeg_decode(bencher: Bencher) {
     let data = jpeg();
-    let picture = EncodedImage::Compressed { format: "jpeg", data: &data };
+    let image = EncodedImage::Compressed { format: "jpeg", data: &data };
     bencher
         .counter(pixels())
-        .bench(|| read_pixels(black_box(&picture), CameraResponse::default()).map(|c| c.width));
+        .bench(|| read_pixels(black_box(&image), CameraResponse::default()).map(|c| c.width));
 }
 
 #[divan::bench]

@@ -23,7 +23,7 @@ use unwater::image::LinearImage;
 use unwater::session::Options;
 use unwater::units::Stamp;
 
-/// What one dive showed. The truth's pictures are not kept.
+/// What one dive showed. The truth's images are not kept.
 pub struct Outcome {
     verdict: Verdict,
     true_attenuation_per_m: [f64; 3],
@@ -176,7 +176,7 @@ fn judged(dive: &Dive, options: &Options, compared: bool, folder: &Path) -> Judg
     let (verdict, truth, corrected) = run_and_show(dive, options, folder);
     let raw = images(&folder.join("dive.mcap"), &verdict.report.camera_topic);
     let ground = Ground::of(dive, &truth, &raw);
-    let shown = |pictures: &[LinearImage]| ground.shown(dive, &truth, pictures);
+    let shown = |images: &[LinearImage]| ground.shown(dive, &truth, images);
     let mut others = Vec::new();
     if compared {
         let mut deep = options.clone();
@@ -234,7 +234,7 @@ fn print_estimates(case: &Case, judged: &[Judged]) {
     );
 }
 
-/// What the pictures show, raw, corrected and by others: means over the seeds.
+/// What the images show, raw, corrected and by others: means over the seeds.
 fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
     println!(
         "\n| case | pictures | same-point scatter R, G, B | over between-point spread | ΔE00, \

@@ -3,7 +3,7 @@
 //! cargo run --release --example long_log -- OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|bayer16
 //! [DISTINCT]]]
 //!
-//! Frames are rendered once (`DISTINCT` of them, 24 unless told: one swing of the altitude) and
+//! Frames are rendered once (`DISTINCT` of them, 24 by default: one swing of the altitude) and
 //! repeated with later stamps.
 #[path = "../tests/it/support/mod.rs"]
 mod support;
@@ -57,8 +57,8 @@ fn repeat(once: &std::path::Path, path: &std::path::Path, frames: usize, distinc
             .add_channel_with_id(*id, c.schema_id, &c.topic, &c.message_encoding, &c.metadata)
             .expect("a channel");
     }
-    let is_picture = |channel: u16| recording.channels[&channel].topic.contains("/image_raw");
-    let mut pictures = 0;
+    let is_image = |channel: u16| recording.channels[&channel].topic.contains("/image_raw");
+    let mut images = 0;
     let period_ns = distinct as u64 * 1_000_000_000;
     let start = recording
         .messages(Window::ALL)
@@ -68,10 +68,10 @@ fn repeat(once: &std::path::Path, path: &std::path::Path, frames: usize, distinc
         for entry in recording.messages(Window::ALL) {
             let Entry::Message(m) = entry else { continue };
             // What runs on after the last frame would meet the next round's beginning.
-            if m.log_time >= start + period_ns || (is_picture(m.channel) && pictures == frames) {
+            if m.log_time >= start + period_ns || (is_image(m.channel) && images == frames) {
                 continue;
             }
-            pictures += usize::from(is_picture(m.channel));
+            images += usize::from(is_image(m.channel));
             let later_s = round as u32 * distinct as u32;
             let mut data = m.data().to_vec();
             if !recording.channels[&m.channel].topic.starts_with("/tf") {

@@ -1,4 +1,4 @@
-//! What correction does to dives of which nobody knows the truth: do pictures of one place agree
+//! What correction does to dives of which nobody knows the truth: do images of one place agree
 //! better after it than before, and does colour still fall with the altitude?
 //!
 //!     cargo run --release --example real_dives -- LOG.mcap...
@@ -39,13 +39,13 @@ fn main() {
         let log = CameraSession::open(path, &options).expect("a log");
         let frames = keypoints_of(&log, &options);
         let pairs = matched(&log, &frames, &options);
-        let raw = pictures(&log.recording, &log.index, &log.survey.camera_topic);
+        let raw = images_of(&log.recording, &log.index, &log.survey.camera_topic);
         let output = folder.join("corrected.mcap");
         let (report, model) =
             correct(path, &output, None, &options, &Silent).expect("a corrected log");
         let read_back = || {
             let log = Log::open(&output, &Options::default()).expect("a corrected log");
-            pictures(&log.recording, &log.index, &report.corrected_topic)
+            images_of(&log.recording, &log.index, &report.corrected_topic)
         };
         let corrected = read_back();
         let mut baseline = options.clone();
@@ -54,8 +54,8 @@ fn main() {
         let averaged = read_back();
         let focal_px = log.survey.rig.camera.fx;
         let points: usize = pairs.iter().map(|(_, _, points)| points.len()).sum();
-        let differ = |pictures: &BTreeMap<u64, LinearImage>| {
-            text(&differences(&frames, &pairs, &raw, pictures, focal_px), 3)
+        let differ = |images: &BTreeMap<u64, LinearImage>| {
+            text(&differences(&frames, &pairs, &raw, images, focal_px), 3)
         };
         println!(
             "| {} | {}, {}, {points} | {} | {} | {} | {} | {} | {} |",
@@ -73,7 +73,7 @@ fn main() {
     let _gone = std::fs::remove_dir_all(folder);
 }
 
-/// Pictures of a topic by log time, linear.
+/// Images of a topic by log time, linear.
 fn decoded(recording: &Recording, index: &LogIndex, topic: &str) -> Vec<(u64, SensorImage)> {
     let of = |entry| {
         let Entry::Message(message) = entry else { return None };
@@ -86,14 +86,14 @@ fn decoded(recording: &Recording, index: &LogIndex, topic: &str) -> Vec<(u64, Se
     recording.messages(Window::ALL).filter_map(of).collect()
 }
 
-fn pictures(recording: &Recording, index: &LogIndex, topic: &str) -> BTreeMap<u64, LinearImage> {
+fn images_of(recording: &Recording, index: &LogIndex, topic: &str) -> BTreeMap<u64, LinearImage> {
     decoded(recording, index, topic)
         .into_iter()
         .map(|(time, image)| (time, image.into_demosaiced()))
         .collect()
 }
 
-/// Keypoints of every frame with a floor below it.
+/// Keypoints of every frame with a seafloor plane.
 fn keypoints_of(log: &CameraSession, options: &Options) -> Vec<(u64, FrameSamples)> {
     let survey = &log.survey;
     let of = |(index, (time, image)): (usize, (u64, SensorImage))| {

@@ -14,7 +14,7 @@ struct Goal {
     measure: fn(&[Judged], &[Judged]) -> f64,
 }
 
-/// Errors are the largest over all seeds and bands; what pictures show is the mean over the seeds.
+/// Errors are the largest over all seeds and bands; what images show is the mean over the seeds.
 const GOALS: &[Goal] = &[
     Goal {
         quantity: "α, 16 bit [1/m]",

@@ -539,7 +539,7 @@ fn rectified_images_have_their_own_calibration() {
 #[test]
 fn init_writes_known_values_and_a_field_of_view_completes_them() {
     let folder = tempfile::tempdir().unwrap();
-    // Pictures alone: their size is known, the rest is to be filled in.
+    // Images alone: their size is known, the rest is to be filled in.
     let images = Path::new(env!("CARGO_MANIFEST_DIR")).join("sample_logs/messages/image_rgb8.mcap");
     let ran = unwater(&["init", text(&images), "-o", "-"]);
     let said = String::from_utf8_lossy(&ran.stdout).into_owned();

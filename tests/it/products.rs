@@ -366,7 +366,7 @@ fn geotiff_tags_lead_to_the_right_pixel() -> Result<(), Failed> {
             format!("pixel {x:.0}, {y:.0} of {width}×{height}"),
         )?;
         let alpha = bytes[8 + 4 * (y as usize * width + x as usize) + 3];
-        ensure(alpha == 255, "below the vehicle there is no floor")?;
+        ensure(alpha == 255, "below the vehicle there is no seafloor")?;
         shown.push((x, y));
     }
     let metres = ((shown[1].0 - shown[0].0) * f64_at(scale) * ORIGIN.0.to_radians().cos())

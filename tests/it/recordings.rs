@@ -236,7 +236,7 @@ fn depth_images_are_used_as_ranges() {
             .dot(&plane.normal.vector());
         assert!(
             (above - 1.75).abs() < 1e-3 && along > 0.9999 && plane.returns >= 20,
-            "{above} m, {along}, {} hits",
+            "{above} m, {along}, {} returns",
             plane.returns
         );
     }

@@ -1,5 +1,5 @@
-//! Pictures that a scientist can trust: codes lead back to reflectance, and what cannot be trusted
-//! is marked and counted.
+//! Corrected images as measurements: pixel values convert back to reflectance, and what is not
+//! reliable is marked and counted.
 use std::path::Path;
 
 use crate::support::judge::{assert_within, images, run_and_show, shown_again, unbend};
