@@ -8,6 +8,7 @@ mod architecture;
 mod chunks;
 mod cli;
 mod clock_offsets;
+mod conditions;
 mod damage;
 mod docs;
 mod examples;

@@ -1,6 +1,7 @@
 //! Render with a known model → estimate → correct → compare. The renderer shares no code with the
 //! estimator.
 use crate::support::judge::{Verdict, assert_within, run};
+use crate::support::render::conditions::Conditions;
 use crate::support::render::{Dive, DvlType, Sensor, Truth};
 use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
 use unwater::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
@@ -302,7 +303,8 @@ fn backscatter_is_modelled_and_subtracted() {
 
 #[test]
 fn vignetting_given_in_the_rig_is_corrected() {
-    let dive = Dive { seed: 131, frames: 28, focal_px: 300.0, vignetting: true, ..Dive::default() };
+    let conditions = Conditions { vignetting_exponent: 4.0, ..Conditions::default() };
+    let dive = Dive { seed: 131, frames: 28, focal_px: 300.0, conditions, ..Dive::default() };
     let with_vignetting = Options {
         rig: toml::from_str("[camera]\nvignetting = \"cos4\"\n").expect("a rig"),
         ..Options::default()

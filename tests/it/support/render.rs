@@ -23,6 +23,7 @@
 //!   its illumination is taken at its centre.
 //! - The sensor adds shot and read noise, then quantises to 12 bits (the upper ones of 16, linear),
 //!   or to 8 bits with the sRGB curve. A mono camera sees the green band.
+//! - What real recordings have beyond that, from automatic exposure to daylight: [`Conditions`].
 //!
 //! Frames: world ENU, z up; base x forward, y left, z up; optical x right, y down, z forward; DVL x
 //! forward, y right, z down. The camera looks straight down, image up is forward; pixel centres are
@@ -35,6 +36,14 @@ use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
+#[path = "render/conditions.rs"]
+pub mod conditions;
+
+use conditions::{
+    Conditions, FrameGain, LAMP_IN_BASE, Pattern, SecondLamp, Settings, SettingsMessage,
+    WATER_DEPTH_M, daylight, lamp_turn, uniform_backscatter,
+};
+
 type V3 = Vector3<f64>;
 type Rotation = UnitQuaternion<f64>;
 type Bands = V3; // R G B
@@ -44,7 +53,7 @@ const CAMERA_IN_BASE: [f64; 3] = [0.34, -0.10, -0.12];
 const STROBE_IN_BASE: [f64; 3] = [-0.53, 0.09, -0.07];
 const SECOND_STROBE_IN_BASE: [f64; 3] = [0.75, -0.32, -0.09];
 const STROBE_TURN_DEG: (f64, f64) = (18.0, 4.0);
-const DVL_IN_BASE: [f64; 3] = [-0.08, 0.15, -0.16];
+const DVL_IN_BASE: [f64; 3] = [-0.08, 0.15, -0.16]; // the altimeter too
 // The motion: speed, period of the altitude, seconds and metres of the change of course.
 const SPEED_M_PER_S: f64 = 0.3;
 const SWING_PERIOD_S: f64 = 24.0;
@@ -54,6 +63,7 @@ const TURN: (f64, f64) = (6.0, 0.6);
 const EXPOSED_TO: f64 = 0.85;
 const FULL_WELL_E: f64 = 15_000.0;
 const READ_NOISE_E: f64 = 5.0;
+const DEPTH_NOISE_M: f64 = 0.01;
 const ATTITUDE_NOISE_RAD: f64 = 0.0005;
 /// Backscatter's attenuation over the direct light's.
 pub const BACKSCATTER_ATTENUATION_RATIO: f64 = 1.1;
@@ -64,19 +74,21 @@ const COARSE_PX: usize = 8; // backscatter is computed at every n-th pixel, bili
 const FIRST_FRAME_NS: i64 = 1_760_000_000_123_456_789;
 const PING_NS: (i64, i64) = (-937_000_000, 201_300_000); // start, period
 const IMU_NS: (i64, i64) = (-989_000_000, 50_000_000);
+const DEPTH_NS: (i64, i64) = (-971_000_000, 100_000_000);
 
 /// What the camera writes, on `/camera/image_raw`. The 16-bit ones are linear, 12 bits on top; the
 /// others sRGB-coded.
 #[derive(Clone, Debug)]
 pub enum Sensor {
-    Bayer16,  // bayer_rggb16
-    Rgb16,    // rgb16
-    Mono16,   // mono16, of the green band
-    Rgb8,     // rgb8
-    Jpeg(u8), // sensor_msgs/CompressedImage of this quality, on /camera/image_raw/compressed
+    Bayer16, // bayer_rggb16
+    Rgb16,   // rgb16
+    Mono16,  // mono16, of the green band
+    Rgb8,    // rgb8
+    // sensor_msgs/CompressedImage of this quality, on /camera/image_raw/compressed; 4:2:0 below 90
+    Jpeg(u8),
 }
 
-/// Which message is on `/dvl/data`. Ranges are slant in both.
+/// Which message is on `/dvl/data`, or what takes its place. Ranges are slant in all.
 #[derive(Clone, Debug)]
 pub enum DvlType {
     // marine_acoustic_msgs/msg/Dvl: 30 deg beams, vectors in the message, lost = NaN
@@ -84,6 +96,8 @@ pub enum DvlType {
     // dvl_msgs/msg/DVL: 22.5 deg, no vectors, ids 0..3 at +135, -135, -45, +45 deg, lost = -1,
     // invalid
     WaterLinked,
+    // no DVL: sensor_msgs/msg/Range of one narrow beam straight down, on /altimeter/range
+    Altimeter,
 }
 
 /// A dive to render. Every field is a known truth or a known fault.
@@ -112,7 +126,6 @@ pub struct Dive {
     // gains of 1 to 1/8 frame by frame, on /camera/gain: in decibels or as a factor
     pub gain_channel: Option<bool>,
     pub return_leg: bool, // turn at mid-dive and come back 0.6 m beside
-    pub vignetting: bool, // the lens attenuates by cos^4 of the angle off its axis
     pub sensor: Sensor,
     pub dvl: DvlType,
     pub second_strobe: bool, // one more like the first, to starboard ahead
@@ -120,6 +133,7 @@ pub struct Dive {
     pub with_strobe_mount: bool,
     // shot and read noise in the images, and noise of the IMU's attitude
     pub noise: bool,
+    pub conditions: Conditions,
 }
 
 impl Default for Dive {
@@ -146,13 +160,13 @@ impl Default for Dive {
             half_power_frames: 0.0,
             gain_channel: None,
             return_leg: false,
-            vignetting: false,
             sensor: Sensor::Bayer16,
             dvl: DvlType::MarineAcoustic,
             second_strobe: false,
             with_imu: true,
             with_strobe_mount: true,
             noise: true,
+            conditions: Conditions::default(),
         }
     }
 }
@@ -169,8 +183,11 @@ pub struct Truth {
 
 /// One frame's truth. The plane is `normal . X = distance`: its normal points away from the camera.
 pub struct FrameTruth {
-    pub stamp_ns: u64,
-    pub gain: f64,
+    pub stamp_ns: u64, // as in the log, late or not
+    pub gain: f64,     // of a channel or a frame at half power
+    // R G B, of the strobe's light: all that varies from frame to frame
+    pub gains: [f64; 3],
+    pub strobe_energy: f64, // in `gains`
     pub position: [f64; 3],
     pub orientation_xyzw: [f64; 4], // of the base in the world
     pub plane_normal_in_optical: [f64; 3],
@@ -178,6 +195,7 @@ pub struct FrameTruth {
     pub reflectance: Vec<[f32; 3]>, // width * height, row major, noise-free, mean over the pixel
     pub attenuation_per_m: [f64; 3],
     pub backscatter_share: [f64; 3], // mean backscatter over mean direct light
+    pub daylight_share: [f64; 3],    // the same of daylight
 }
 
 impl Truth {
@@ -191,8 +209,8 @@ impl Dive {
     /// Renders the dive into a zstd-chunked MCAP of profile ros2. Panics on any error.
     pub fn write(&self, path: &Path) -> Truth {
         let scene = Scene::new(self);
-        let (exposure, scattering, glow) = scene.expose();
-        let render = |k: usize| scene.render(k, exposure, scattering, &glow[k]);
+        let lighting = scene.expose();
+        let render = |k: usize| scene.render(k, &lighting);
         let (frames, images): (Vec<FrameTruth>, Vec<Vec<u8>>) =
             (0..self.frames).into_par_iter().map(render).unzip();
         let mut messages = self.navigation();
@@ -212,8 +230,8 @@ impl Dive {
         write_log(path, messages);
         Truth {
             attenuation_per_m: self.attenuation_per_m,
-            exposure,
-            scattering,
+            exposure: lighting.exposure,
+            scattering: lighting.scattering,
             frames,
             strobe_position_in_base: STROBE_IN_BASE,
             strobe_orientation_xyzw: base_from_strobe().coords.into(),
@@ -234,7 +252,18 @@ impl Dive {
             .normalize()
     }
     fn frame_ns(&self, k: usize) -> i64 {
-        (k as f64 / self.frames_per_s * 1e9) as i64
+        ((k as f64 / self.frames_per_s + self.conditions.stamp_delay_s) * 1e9) as i64
+    }
+    /// The camera's altitude above the seafloor below it, `t` seconds after the first frame.
+    fn altitude(&self, t: f64) -> f64 {
+        let (low, high) = self.altitude_m;
+        low + (high - low) * 0.5 * (1.0 - (TAU * t / SWING_PERIOD_S).cos())
+    }
+    /// The recorded settings of a frame.
+    fn settings(&self, frame: usize) -> Settings {
+        let (low, high) = self.altitude_m;
+        let altitude = self.altitude(frame as f64 / self.frames_per_s);
+        Settings::at((altitude - low) / (high - low).max(f64::MIN_POSITIVE))
     }
     /// The base in the world, `t` seconds after the first frame.
     fn pose(&self, t: f64) -> (V3, Rotation) {
@@ -250,8 +279,7 @@ impl Dive {
             self.tilt_deg.to_radians() * wave(7.3, 12),
             self.tilt_deg.to_radians() * wave(5.1, 13),
         );
-        let (low, high) = self.altitude_m;
-        let height = low + (high - low) * 0.5 * (1.0 - (TAU * t / SWING_PERIOD_S).cos());
+        let height = self.altitude(t);
         let seafloor_m =
             x * self.slope_deg.0.to_radians().tan() + y * self.slope_deg.1.to_radians().tan();
         let attitude = Rotation::from_euler_angles(roll, pitch, heading + 0.14 * wave(40.0, 14));
@@ -276,6 +304,10 @@ fn base_from_strobe() -> Rotation {
 fn base_from_dvl() -> Rotation {
     Rotation::from_axis_angle(&V3::x_axis(), PI)
 }
+/// Its x axis, the beam's, is down.
+fn base_from_altimeter() -> Rotation {
+    Rotation::from_axis_angle(&V3::y_axis(), 0.5 * PI)
+}
 /// Two lobes in angle: a wide one, rotated and off the axis, and a weak one beside it.
 fn lobes(theta: f64, phi: f64) -> f64 {
     let lobe = |theta0: f64, phi0: f64, along: f64, across: f64, turn: f64| {
@@ -288,10 +320,6 @@ fn lobes(theta: f64, phi: f64) -> f64 {
     lobe(3.0, -4.0, 24.0, 32.0, 20.0) + 0.25 * lobe(-16.0, 17.0, 11.0, 13.0, 0.0)
 }
 const LOBES_PEAK: f64 = 1.025_256_340_262_812_8; // found by walking uphill
-/// Radiant intensity towards `d`, a direction of any length in the strobe's optical frame.
-fn intensity(d: &V3) -> f64 {
-    if d.z <= 0.0 { 0.0 } else { lobes(d.y.atan2(d.z), d.x.atan2(d.z)) / LOBES_PEAK }
-}
 
 // --- The image ---
 /// Height of the ridges and its slopes along world x and y, for an amplitude of 1.
@@ -322,7 +350,14 @@ fn meet(from: &V3, ray: &V3, flat: f64, slope: (f64, f64), relief_m: f64) -> f64
     t
 }
 
-/// One frame's geometry, in its camera's optical frame, and its attenuation.
+/// A strobe or another lamp.
+struct Lamp {
+    position: V3, // in the camera's optical frame
+    from_optical: Matrix3<f64>,
+    pattern: Pattern,
+}
+
+/// One frame's geometry, in its camera's optical frame, its strobe's energy and its attenuation.
 struct View {
     pose: (V3, Rotation),
     camera_in_world: V3,
@@ -330,8 +365,8 @@ struct View {
     plane: (V3, f64), // normal . X = distance
     slope: (f64, f64),
     relief_m: f64,
-    strobes: Vec<V3>,
-    strobe_from_optical: Matrix3<f64>,
+    lamps: Vec<Lamp>,
+    strobe_energy: f64,
     attenuation: Bands,
 }
 
@@ -351,13 +386,8 @@ impl View {
             ),
             slope: (dive.slope_deg.0.to_radians().tan(), dive.slope_deg.1.to_radians().tan()),
             relief_m: dive.relief_m,
-            strobes: [STROBE_IN_BASE, SECOND_STROBE_IN_BASE][..1 + usize::from(dive.second_strobe)]
-                .iter()
-                .map(|at| optical.inverse() * (V3::from(*at) - camera))
-                .collect(),
-            strobe_from_optical: (base_from_strobe().inverse() * optical)
-                .to_rotation_matrix()
-                .into_inner(),
+            lamps: dive.lamps(),
+            strobe_energy: dive.conditions.strobe_energy(dive.seed, frame),
             attenuation: Bands::from(dive.attenuation_per_m)
                 * (1.0 + dive.attenuation_drift * (age - 0.5)),
         }
@@ -393,31 +423,56 @@ impl View {
     }
     /// The direct light from a white seafloor at `point`.
     fn direct(&self, point: &V3, exponent: f64) -> Bands {
-        let of_strobe = |strobe: &V3| {
-            let from_strobe = point - strobe;
-            let (la, ls) = (from_strobe.norm(), point.norm());
-            let cos_gamma = (self.normal(point).dot(&from_strobe) / la).max(0.0);
-            let radiance = intensity(&(self.strobe_from_optical * from_strobe)) * cos_gamma
+        let of_lamp = |lamp: &Lamp| {
+            let from_lamp = point - lamp.position;
+            let (la, ls) = (from_lamp.norm(), point.norm());
+            let cos_gamma = (self.normal(point).dot(&from_lamp) / la).max(0.0);
+            let radiance = lamp.pattern.intensity(&(lamp.from_optical * from_lamp)) * cos_gamma
                 / la.powf(exponent);
             self.attenuation.map(|alpha| radiance * (-alpha * (la + ls)).exp())
         };
-        self.strobes.iter().map(of_strobe).sum()
+        self.lamps.iter().map(of_lamp).sum::<Bands>() * self.strobe_energy
     }
     /// Single scattering on the path to `point`, for b = 1 (midpoint rule).
     fn scattered(&self, point: &V3) -> Bands {
         let mut sum = Bands::zeros();
         for i in 0..SCATTER_POINTS {
             let at = point * ((i as f64 + 0.5) / SCATTER_POINTS as f64);
-            for strobe in &self.strobes {
-                let from_strobe = at - strobe;
-                let radiance = intensity(&(self.strobe_from_optical * from_strobe))
-                    / from_strobe.norm_squared();
-                let path = BACKSCATTER_ATTENUATION_RATIO * (from_strobe.norm() + at.norm());
+            for lamp in &self.lamps {
+                let from_lamp = at - lamp.position;
+                let radiance = lamp.pattern.intensity(&(lamp.from_optical * from_lamp))
+                    / from_lamp.norm_squared();
+                let path = BACKSCATTER_ATTENUATION_RATIO * (from_lamp.norm() + at.norm());
                 sum += self.attenuation.map(|alpha| radiance * (-alpha * path).exp());
             }
         }
-        sum * point.norm() / SCATTER_POINTS as f64
+        sum * point.norm() / SCATTER_POINTS as f64 * self.strobe_energy
     }
+    /// White seafloor at `point` under daylight of irradiance 1 at the surface.
+    fn daylight(&self, point: &V3) -> Bands {
+        let z = (self.camera_in_world + self.world_from_optical * point).z;
+        let up = -(self.world_from_optical * self.normal(point)).z;
+        daylight(z, up, &self.attenuation, point.norm())
+    }
+}
+
+/// Amounts of light and the camera's gains, for a whole dive.
+struct Lighting {
+    exposure: f64,
+    scattering: f64,
+    uniform_backscatter: f64,
+    daylight: f64,
+    gains: Vec<FrameGain>,
+    glow: Vec<Vec<Bands>>, // as in `Parts`, by frame
+}
+
+/// One frame's light at the coarse pixels, of every source for an amount of 1; empty where there is
+/// none.
+struct Parts {
+    direct: Vec<Bands>,
+    glow: Vec<Bands>, // backscatter of the strobe
+    uniform_backscatter: Vec<Bands>,
+    daylight: Vec<Bands>,
 }
 
 /// All frames' geometry and what they share: the seafloor and the camera's rays.
@@ -455,48 +510,133 @@ impl<'a> Scene<'a> {
         let rays = (0..width * height).into_par_iter().map(pixel).collect();
         Self { dive, views, seafloor, rays, coarse, coarse_width }
     }
-    /// The dive's one exposure and its `b`, from every eighth pixel of every frame; and each
-    /// frame's scattering for b = 1 at these pixels (empty where there is none).
-    fn expose(&self) -> (f64, f64, Vec<Vec<Bands>>) {
-        let sum = |all: &[Vec<Bands>]| all.iter().flatten().map(V3::sum).sum::<f64>();
-        let look = |view: &View| -> (Vec<Bands>, Vec<Bands>) {
-            let points: Vec<V3> = self.coarse.iter().map(|&ray| view.seafloor_point(ray)).collect();
-            let white = |at: &V3| view.direct(at, self.dive.spreading_exponent);
-            let radiance = |at: &V3| white(at).component_mul(&self.seafloor.at(view.world_xy(at)));
-            let cloudy = points.iter().filter(|_| self.dive.backscatter > 0.0);
-            (points.iter().map(radiance).collect(), cloudy.map(|at| view.scattered(at)).collect())
+    /// A frame's light at every eighth pixel.
+    fn parts(&self, view: &View) -> Parts {
+        let conditions = &self.dive.conditions;
+        let points: Vec<V3> = self.coarse.iter().map(|&ray| view.seafloor_point(ray)).collect();
+        let reflectance = |at: &V3| self.seafloor.at(view.world_xy(at));
+        let white = |at: &V3| view.direct(at, self.dive.spreading_exponent);
+        let where_any = |amount: f64, of: &dyn Fn(&V3) -> Bands| {
+            points.iter().filter(|_| amount > 0.0).map(of).collect()
         };
-        let (direct, glow): (Vec<Vec<Bands>>, Vec<Vec<Bands>>) =
-            self.views.par_iter().map(look).unzip();
-        let mut brightest: Vec<f64> = direct.iter().flatten().map(V3::max).collect();
-        brightest.sort_by(f64::total_cmp);
-        let exposure = EXPOSED_TO / brightest[(0.998 * (brightest.len() - 1) as f64) as usize];
-        (exposure, self.dive.backscatter * sum(&direct) / sum(&glow).max(f64::MIN_POSITIVE), glow)
+        Parts {
+            direct: points.iter().map(|at| white(at).component_mul(&reflectance(at))).collect(),
+            glow: where_any(self.dive.backscatter, &|at| view.scattered(at)),
+            uniform_backscatter: where_any(conditions.uniform_backscatter, &|at| {
+                uniform_backscatter(&view.attenuation, at.norm())
+            }),
+            daylight: where_any(conditions.daylight, &|at| {
+                view.daylight(at).component_mul(&reflectance(at))
+            }),
+        }
     }
-    fn render(
+    /// The dive's amounts of light, its one exposure and the gains of its frames.
+    fn expose(&self) -> Lighting {
+        let conditions = &self.dive.conditions;
+        let parts: Vec<Parts> = self.views.par_iter().map(|view| self.parts(view)).collect();
+        let sum = |of: &dyn Fn(&Parts) -> &Vec<Bands>| {
+            parts.iter().flat_map(of).map(V3::sum).sum::<f64>()
+        };
+        let direct = sum(&|p| &p.direct);
+        let amount = |share: f64, of: &dyn Fn(&Parts) -> &Vec<Bands>| {
+            share * direct / sum(of).max(f64::MIN_POSITIVE)
+        };
+        let mut lighting = Lighting {
+            exposure: 1.0,
+            scattering: amount(self.dive.backscatter, &|p| &p.glow),
+            uniform_backscatter: amount(conditions.uniform_backscatter, &|p| {
+                &p.uniform_backscatter
+            }),
+            daylight: amount(conditions.daylight, &|p| &p.daylight),
+            gains: Vec::new(),
+            glow: Vec::new(),
+        };
+        lighting.gains = self.gains(&parts, &lighting);
+        let seafloor = |(p, gain): (&Parts, &FrameGain)| {
+            let gain = gain.amplification * gain.exposure;
+            let lit = |i: usize| {
+                let day = p.daylight.get(i).map_or(Bands::zeros(), |day| day * lighting.daylight);
+                (p.direct[i] + day).component_mul(&gain).max()
+            };
+            (0..p.direct.len()).map(lit).collect::<Vec<f64>>()
+        };
+        let mut brightest: Vec<f64> =
+            parts.iter().zip(&lighting.gains).flat_map(seafloor).collect();
+        brightest.sort_by(f64::total_cmp);
+        lighting.exposure = EXPOSED_TO / brightest[(0.998 * (brightest.len() - 1) as f64) as usize];
+        lighting.glow = parts.into_iter().map(|p| p.glow).collect();
+        lighting
+    }
+    /// What the automatics, the recorded settings and the strobe's energy make of each frame.
+    fn gains(&self, parts: &[Parts], lighting: &Lighting) -> Vec<FrameGain> {
+        let conditions = &self.dive.conditions;
+        let automatic = if conditions.has_automatics() {
+            let frames = self.views.par_iter().zip(parts);
+            let means: Vec<Bands> =
+                frames.map(|(view, parts)| self.mean_light(view, &parts.glow, lighting)).collect();
+            conditions.automatic_gains(&means)
+        } else {
+            vec![(1.0, Bands::repeat(1.0)); self.views.len()]
+        };
+        let all = automatic.into_iter().enumerate().map(|(k, (exposure, amplification))| {
+            let settings = conditions.settings.map(|_| self.dive.settings(k));
+            FrameGain {
+                exposure: exposure * settings.map_or(1.0, Settings::exposure),
+                amplification: amplification * settings.map_or(1.0, Settings::gain),
+                strobe_energy: self.views[k].strobe_energy,
+            }
+        });
+        all.collect()
+    }
+    /// A frame's mean behind the lens at gain 1.
+    fn mean_light(&self, view: &View, glow: &[Bands], lighting: &Lighting) -> Bands {
+        let through_lens = |(i, rays): (usize, &[[f64; 2]; 5])| {
+            let point = view.seafloor_point(rays[0]);
+            let reflectance = self.seafloor.at(view.world_xy(&point));
+            let scatter = self.between_nodes(glow, i) * lighting.scattering;
+            let light = self.light(view, &point, &reflectance, lighting);
+            (light.iter().sum::<Bands>() + scatter) * self.dive.conditions.lens(rays[0])
+        };
+        let sum: Bands = self.rays.iter().enumerate().map(through_lens).sum();
+        sum / self.rays.len() as f64
+    }
+    /// Direct light of the strobe, daylight and uniform backscatter from `point`.
+    fn light(
         &self,
-        k: usize,
-        exposure: f64,
-        scattering: f64,
-        glow: &[Bands],
-    ) -> (FrameTruth, Vec<u8>) {
-        let (view, gain) = (&self.views[k], self.dive.gain(k));
+        view: &View,
+        point: &V3,
+        reflectance: &Bands,
+        lighting: &Lighting,
+    ) -> [Bands; 3] {
+        let direct = view.direct(point, self.dive.spreading_exponent).component_mul(reflectance);
+        let (mut day, mut uniform) = (Bands::zeros(), Bands::zeros());
+        if lighting.daylight > 0.0 {
+            day = view.daylight(point).component_mul(reflectance) * lighting.daylight;
+        }
+        if lighting.uniform_backscatter > 0.0 {
+            let path = uniform_backscatter(&view.attenuation, point.norm());
+            uniform = path * lighting.uniform_backscatter;
+        }
+        [direct, day, uniform]
+    }
+    fn render(&self, k: usize, lighting: &Lighting) -> (FrameTruth, Vec<u8>) {
+        let (view, gain, frame_gain) = (&self.views[k], self.dive.gain(k), &lighting.gains[k]);
         let (mut reflectance, mut signal) =
             (Vec::with_capacity(self.rays.len()), Vec::with_capacity(self.rays.len()));
-        let (mut direct_sum, mut scatter_sum) = (Bands::zeros(), Bands::zeros());
+        let mut sums = [Bands::zeros(); 3];
         for (i, rays) in self.rays.iter().enumerate() {
             let sample = |j: usize| self.seafloor.at(view.world_xy(&view.seafloor_point(rays[j])));
             let r = (sample(1) + sample(2) + sample(3) + sample(4)) * 0.25;
-            let direct = view
-                .direct(&view.seafloor_point(rays[0]), self.dive.spreading_exponent)
-                .component_mul(&r);
-            let scatter = self.between_nodes(glow, i) * scattering;
-            (direct_sum, scatter_sum) = (direct_sum + direct, scatter_sum + scatter);
-            let [x, y] = rays[0];
-            let lens = if self.dive.vignetting { (1.0 + x * x + y * y).powi(-2) } else { 1.0 };
-            signal.push((direct + scatter) * gain * exposure * lens);
+            let point = view.seafloor_point(rays[0]);
+            let [direct, day, uniform] = self.light(view, &point, &r, lighting);
+            let scatter = self.between_nodes(&lighting.glow[k], i) * lighting.scattering + uniform;
+            sums.iter_mut().zip([direct, day, scatter]).for_each(|(sum, part)| *sum += part);
+            let lens = self.dive.conditions.lens(rays[0]);
+            let light = (direct + scatter + day) * gain * lighting.exposure * lens;
+            signal.push(light * frame_gain.exposure);
             reflectance.push([r.x as f32, r.y as f32, r.z as f32]);
         }
+        let settings = frame_gain.amplification * (gain * frame_gain.exposure);
         let truth = FrameTruth {
             stamp_ns: stamp(self.dive.frame_ns(k)),
             position: view.pose.0.into(),
@@ -504,11 +644,14 @@ impl<'a> Scene<'a> {
             plane_normal_in_optical: view.plane.0.into(),
             plane_distance_m: view.plane.1,
             gain,
+            gains: (settings * frame_gain.strobe_energy).into(),
+            strobe_energy: frame_gain.strobe_energy,
             reflectance,
             attenuation_per_m: view.attenuation.into(),
-            backscatter_share: scatter_sum.component_div(&direct_sum).into(),
+            daylight_share: sums[1].component_div(&sums[0]).into(),
+            backscatter_share: sums[2].component_div(&sums[0]).into(),
         };
-        (truth, self.dive.image(k, &signal))
+        (truth, self.dive.image(k, &signal, &frame_gain.amplification))
     }
     /// Bilinear between the coarse pixels around pixel `i`.
     fn between_nodes(&self, nodes: &[Bands], i: usize) -> Bands {
@@ -714,19 +857,36 @@ impl Dive {
         }
         panic!("distortion {:?} cannot be undone at pixel ({u}, {v})", self.distortion);
     }
-    /// The sensor: noise, quantisation and coding of a frame whose full scale is 1.
-    fn image(&self, frame: usize, signal: &[Bands]) -> Vec<u8> {
+    /// Strobe, second strobe and second lamp in the camera's optical frame.
+    fn lamps(&self) -> Vec<Lamp> {
+        let (camera, optical) = (V3::from(CAMERA_IN_BASE), base_from_camera());
+        let lamp = |at: [f64; 3], base_from_lamp: Rotation, pattern: Pattern| Lamp {
+            position: optical.inverse() * (V3::from(at) - camera),
+            from_optical: (base_from_lamp.inverse() * optical).to_rotation_matrix().into_inner(),
+            pattern,
+        };
+        let mut lamps = vec![lamp(STROBE_IN_BASE, base_from_strobe(), Pattern::Strobe)];
+        if self.second_strobe {
+            lamps.push(lamp(SECOND_STROBE_IN_BASE, base_from_strobe(), Pattern::Strobe));
+        }
+        if self.conditions.second_lamp != SecondLamp::None {
+            lamps.push(lamp(LAMP_IN_BASE, optical * lamp_turn(), Pattern::Lamp));
+        }
+        lamps
+    }
+    /// The sensor: noise, amplification, quantisation and coding of a frame whose full scale is 1.
+    fn image(&self, frame: usize, signal: &[Bands], amplification: &Bands) -> Vec<u8> {
+        let conditions = &self.conditions;
         let noisy = |i: usize, band: usize| {
             let electrons = signal[i][band] * FULL_WELL_E;
             let sigma =
                 if self.noise { (electrons + READ_NOISE_E * READ_NOISE_E).sqrt() } else { 0.0 };
             let draw = gaussian(hash(self.seed ^ 0x5e75_0000, (3 * i + band) as u64, frame as i64));
-            (electrons + sigma * draw) / FULL_WELL_E
+            (electrons + sigma * draw) / FULL_WELL_E * amplification[band] + conditions.black_level
         };
-        let twelve = |c: f64| (((c * 4095.0).round().clamp(0.0, 4095.0) as u16) << 4).to_le_bytes();
-        let coded =
-            |c: f64| if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 };
-        // sRGB, IEC 61966-2-1
+        let whole = |c: f64| if conditions.has_truncating_adc { c.floor() } else { c.round() };
+        let twelve = |c: f64| ((whole(c * 4095.0).clamp(0.0, 4095.0) as u16) << 4).to_le_bytes();
+        let coded = |c: f64| conditions.response.encode(c);
         let eight = |c: f64| (255.0 * coded(c.clamp(0.0, 1.0))).round() as u8;
         let rggb = |i: usize| i % self.width % 2 + i / self.width % 2;
         let one = 0..signal.len();
@@ -784,22 +944,59 @@ impl Dive {
         messages.extend(frames.map(|k| {
             (self.frame_ns(k) - 20_000_000, "/camera/gain", "std_msgs/msg/Float64", setting(k))
         }));
+        messages.extend((0..self.frames).flat_map(|k| self.settings_messages(k)));
+        let depths = times(DEPTH_NS).filter(|_| self.conditions.has_depth_sensor);
+        messages.extend(
+            depths.map(|(n, ns)| {
+                (ns + 5_000_000, "/depth", "std_msgs/msg/Float64", self.depth(ns, n))
+            }),
+        );
         let mut altitude = -1.0;
-        let dvl = if let DvlType::WaterLinked = self.dvl {
-            "dvl_msgs/msg/DVL"
-        } else {
-            "marine_acoustic_msgs/msg/Dvl"
+        let (topic, dvl) = match self.dvl {
+            DvlType::WaterLinked => ("/dvl/data", "dvl_msgs/msg/DVL"),
+            DvlType::MarineAcoustic => ("/dvl/data", "marine_acoustic_msgs/msg/Dvl"),
+            DvlType::Altimeter => ("/altimeter/range", "sensor_msgs/msg/Range"),
         };
-        let mut ping =
-            |(n, ns)| (ns + 60_000_000, "/dvl/data", dvl, self.ping(ns, n, &mut altitude));
+        let mut ping = |(n, ns)| (ns + 60_000_000, topic, dvl, self.ping(ns, n, &mut altitude));
         messages.extend(times(PING_NS).map(&mut ping));
         messages
     }
-    /// The beams' unit vectors in the DVL's frame, in message order.
+    /// Exposure and gain of a frame, as they are recorded.
+    fn settings_messages(&self, frame: usize) -> Messages {
+        let (settings, ns) = (self.settings(frame), self.frame_ns(frame));
+        let number = |topic: &'static str, value: f64| {
+            let mut cdr = Cdr::new();
+            cdr.f64(value);
+            (ns - 20_000_000, topic, "std_msgs/msg/Float64", cdr.0)
+        };
+        match self.conditions.settings {
+            None => Vec::new(),
+            Some(SettingsMessage::ImageMetaData) => {
+                let mut cdr = Cdr::headed(ns, "camera_optical_frame");
+                cdr.u64(stamp(ns)).i16(128).u32(settings.exposure_us).u32(30_000);
+                cdr.f32(settings.gain_db);
+                vec![(ns + 42_000_000, "/camera/meta", "flir_camera_msgs/msg/ImageMetaData", cdr.0)]
+            }
+            Some(SettingsMessage::Float64) => vec![
+                number("/camera/exposure_time", f64::from(settings.exposure_us) * 1e-6),
+                number("/camera/gain", settings.gain()),
+            ],
+            Some(SettingsMessage::Stops) => vec![number("/camera/exposure_ev", settings.stops())],
+        }
+    }
+    /// Depth of the base below the surface.
+    fn depth(&self, ns: i64, n: usize) -> Vec<u8> {
+        let noise = DEPTH_NOISE_M * gaussian(hash(self.seed, n as u64, 0xde97));
+        let mut cdr = Cdr::new();
+        cdr.f64(WATER_DEPTH_M - self.pose(ns as f64 * 1e-9).0.z + noise);
+        cdr.0
+    }
+    /// The beams' unit vectors in the DVL's frame, in message order; the altimeter is the first.
     fn beams(&self) -> [V3; 4] {
         let (janus_deg, azimuths_deg) = match self.dvl {
             DvlType::MarineAcoustic => (30.0_f64, [45.0_f64, 135.0, -135.0, -45.0]),
             DvlType::WaterLinked => (22.5, [135.0, -135.0, -45.0, 45.0]),
+            DvlType::Altimeter => (0.0, [0.0; 4]),
         };
         let (sin, cos) = janus_deg.to_radians().sin_cos();
         azimuths_deg
@@ -842,8 +1039,13 @@ impl Dive {
             *altitude = beams[0].z * good.iter().sum::<f64>() / good.len() as f64;
         }
         let (any, bottom) = (u8::from(!good.is_empty()), u8::from(good.len() >= 3));
-        let mut cdr = Cdr::headed(ns, "dvl_link");
+        let mut cdr = Cdr::headed(ns, self.range_mount().0);
         match self.dvl {
+            DvlType::Altimeter => {
+                // ultrasound; a narrow beam, 0.1 to 50 m; +inf is no return (REP 117)
+                cdr.u8(0).f32(0.05).f32(0.1).f32(50.0);
+                cdr.f32(ranges[0].unwrap_or(f64::INFINITY) as f32).f32(0.0);
+            }
             DvlType::MarineAcoustic => {
                 cdr.u8(1).u8(0).f64s(velocity.as_slice()).f64s(&diagonal(9e-6));
                 cdr.f64(if any == 1 { *altitude } else { -1.0 });
@@ -894,14 +1096,27 @@ impl Dive {
             .f64s(&diagonal(4e-4));
         cdr.0
     }
+    /// Frame, position and orientation of the DVL or the altimeter.
+    fn range_mount(&self) -> (&'static str, [f64; 3], Rotation) {
+        match self.dvl {
+            DvlType::Altimeter => ("altimeter_link", DVL_IN_BASE, base_from_altimeter()),
+            _ => ("dvl_link", DVL_IN_BASE, base_from_dvl()),
+        }
+    }
     fn tf_static(&self, ns: i64) -> Vec<u8> {
         let camera = ("camera_optical_frame", CAMERA_IN_BASE, base_from_camera());
-        let mut mounts = vec![camera, ("dvl_link", DVL_IN_BASE, base_from_dvl())];
+        let mut mounts = vec![camera, self.range_mount()];
+        let error = self.conditions.strobe_mount_error_m;
+        let strobe = std::array::from_fn(|axis| STROBE_IN_BASE[axis] + error[axis]);
         if self.with_strobe_mount {
-            mounts.push(("strobe_optical_frame", STROBE_IN_BASE, base_from_strobe()));
+            mounts.push(("strobe_optical_frame", strobe, base_from_strobe()));
         }
         if self.with_strobe_mount && self.second_strobe {
             mounts.push(("second_strobe_optical_frame", SECOND_STROBE_IN_BASE, base_from_strobe()));
+        }
+        if self.with_strobe_mount && self.conditions.second_lamp == SecondLamp::Listed {
+            let turn = base_from_camera() * lamp_turn();
+            mounts.push(("lamp_optical_frame", LAMP_IN_BASE, turn));
         }
         let mut cdr = Cdr::new();
         cdr.u32(mounts.len() as u32);
@@ -938,7 +1153,7 @@ macro_rules! numbers {
 }
 
 impl Cdr {
-    numbers!(u8 u32 i64 f32 f64);
+    numbers!(u8 i16 u32 i64 u64 f32 f64);
     fn new() -> Self {
         Self(vec![0, 1, 0, 0])
     }
@@ -1012,9 +1227,23 @@ const TIME: &str = "builtin_interfaces/Time, int32 sec, uint32 nanosec";
 const VECTOR: &str = "geometry_msgs/Vector3, float64 x, float64 y, float64 z";
 const QUATERNION: &str =
     "geometry_msgs/Quaternion, float64 x 0, float64 y 0, float64 z 0, float64 w 1";
-/// Name, fields and what they need, of common_interfaces, marine_acoustic_msgs and dvl_msgs.
-const TYPES: [(&str, &str, &[&str]); 8] = [
+/// Name, fields and what they need, of common_interfaces, marine_acoustic_msgs, dvl_msgs and
+/// flir_camera_msgs.
+const TYPES: [(&str, &str, &[&str]); 10] = [
     ("std_msgs/msg/Float64", "float64 data", &[]),
+    (
+        "sensor_msgs/msg/Range",
+        "uint8 ULTRASOUND=0, uint8 INFRARED=1, std_msgs/Header header, uint8 radiation_type, \
+        float32 field_of_view, float32 min_range, float32 max_range, float32 range, \
+        float32 variance",
+        &[],
+    ),
+    (
+        "flir_camera_msgs/msg/ImageMetaData",
+        "std_msgs/Header header, uint64 camera_time, int16 brightness, uint32 exposure_time, \
+        uint32 max_exposure_time, float32 gain",
+        &[],
+    ),
     (
         "tf2_msgs/msg/TFMessage",
         "geometry_msgs/TransformStamped[] transforms",
