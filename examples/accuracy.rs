@@ -3,12 +3,19 @@
 //!
 //!     cargo run --release --example accuracy -- [--json] [SEEDS [CASE,CASE… [SETTINGS.toml]]]
 //!
+//!     cargo run --release --example accuracy -- --write FOLDER SEED [CASE,CASE…]
+//!
 //! A case is named by how it begins.
-//! With `--json` one line of JSON per dive and per goal instead of tables.
+//! With `--json` one line of JSON per dive and per goal instead of tables. With `--write` the dives
+//! of the cases are written to `FOLDER`, with their truth, and nothing is measured.
+#[path = "accuracy/conditions.rs"]
+mod conditions;
 #[path = "accuracy/goals.rs"]
 mod goals;
 #[path = "../tests/it/support/mod.rs"]
 mod support;
+#[path = "accuracy/write.rs"]
+mod write;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -126,6 +133,9 @@ const BASELINES: &[(&str, Method)] = &[
 fn main() {
     let (flags, words): (Vec<String>, Vec<String>) =
         std::env::args().skip(1).partition(|word| word.starts_with("--"));
+    if flags.iter().any(|flag| flag == "--write") {
+        return write_dives(&words);
+    }
     let json = flags.iter().any(|flag| flag == "--json");
     let seeds: u64 = words.first().and_then(|n| n.parse().ok()).unwrap_or(8);
     let wanted = words.get(1).cloned().unwrap_or_default();
@@ -145,8 +155,7 @@ fn main() {
         );
     }
     let mut done: Vec<(&'static str, Vec<Judged>)> = Vec::new();
-    for case in CASES.iter().filter(|c| wanted.split(',').any(|begins| c.name.starts_with(begins)))
-    {
+    for case in cases(&wanted) {
         let mut options = Options { config: base.clone(), ..Options::default() };
         (case.change)(&mut options.config);
         options.threads = 1;
@@ -166,9 +175,25 @@ fn main() {
     }
     if !json {
         print_pictures(&done);
+        conditions::print(&done);
     }
     goals::print(&done, json);
     let _gone = std::fs::remove_dir_all(folder);
+}
+
+/// Cases by how their names begin.
+fn cases(wanted: &str) -> impl Iterator<Item = &'static Case> + '_ {
+    let is_wanted =
+        move |case: &&Case| wanted.split(',').any(|begins| case.name.starts_with(begins));
+    CASES.iter().chain(conditions::CASES).filter(is_wanted)
+}
+
+/// FOLDER SEED [CASE,CASE…]
+fn write_dives(words: &[String]) {
+    let folder = Path::new(words.first().expect("a folder"));
+    let seed = words.get(1).and_then(|seed| seed.parse().ok()).expect("a seed");
+    std::fs::create_dir_all(folder).expect("a folder");
+    cases(words.get(2).map_or("", String::as_str)).for_each(|c| write::write(c, seed, folder));
 }
 
 /// Renders, corrects, measures; with the baselines where they are wanted.
@@ -269,7 +294,8 @@ fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
 }
 
 fn print_json(case: &Case, judged: &[Judged]) {
-    for (seed, Judged(o)) in (1..).zip(judged) {
+    for (seed, judged) in (1..).zip(judged) {
+        let o = &judged.0;
         let others: BTreeMap<&str, &Shown> =
             o.others.iter().map(|(name, shown)| (*name, shown)).collect();
         let v = &o.verdict;
@@ -277,7 +303,7 @@ fn print_json(case: &Case, judged: &[Judged]) {
             "case": case.name, "seed": seed, "identified": v.model.identified,
             "attenuation_error_per_m": v.attenuation_error_per_m,
             "attenuation_std_per_m": v.attenuation_std_per_m,
-            "beam_log_rmse": v.beam_log_rmse, "reflectance_error": v.reflectance_error,
+            "z": conditions::z(judged), "beam_log_rmse": v.beam_log_rmse, "reflectance_error": v.reflectance_error,
             "raw": o.raw, "corrected": o.shown, "others": others,
         });
         println!("{line}");

@@ -3,6 +3,7 @@
 
 pub mod colour;
 pub mod dice;
+pub mod evenness;
 pub mod foreign_bytes;
 pub mod judge;
 pub mod render;

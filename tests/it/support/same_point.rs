@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use unwater::image::LinearImage;
 
 use super::colour::{delta_e, lab};
+use super::evenness::Evenness;
 use super::judge::{blocks, median};
 use super::render::{Dive, FrameTruth, Truth};
 
@@ -51,6 +52,8 @@ pub struct Shown {
     pub delta_e_median: f64,
     /// 95th percentile
     pub delta_e_95: f64,
+    #[serde(flatten)]
+    pub evenness: Evenness,
 }
 
 impl Ground {
@@ -120,6 +123,7 @@ impl Ground {
                 .collect(),
             delta_e_median,
             delta_e_95,
+            evenness: Evenness::of(dive, truth, images, &self.clipped),
         }
     }
 
