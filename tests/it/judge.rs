@@ -74,3 +74,33 @@ fn one_seafloor_point_is_found_in_all_frames() {
         of_truth.scatter
     );
 }
+
+/// Brightness that grows by 10 % a frame, red that alternates by ±6 %, a right third that is 30 %
+/// too bright.
+#[test]
+fn evenness_is_measured_over_image_and_log() {
+    let (frames, width, height) = (6, 96, 72);
+    let dive = Dive { frames, width, height, focal_px: 115.0, ..Dive::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let truth = dive.write(&folder.path().join("dive.mcap"));
+    let shown = |k: usize, x: usize, band: usize| {
+        let hue = if band == 0 { 0.06 * (-1.0_f64).powi(k as i32) } else { 0.0 };
+        (0.1 * k as f64 + hue).exp() * if x >= 64 { 0.13 } else { 0.1 }
+    };
+    let image = |k: usize| {
+        let mut image = LinearImage::new(width, height, 3);
+        for (i, value) in image.pixels.iter_mut().enumerate() {
+            let reflectance = truth.frames[k].reflectance[i / 3][i % 3];
+            *value = reflectance * shown(k, i / 3 % width, i % 3) as f32;
+        }
+        image
+    };
+    let images: Vec<LinearImage> = (0..frames).map(image).collect();
+    let is = Ground::of(&dive, &truth, &images).shown(&dive, &truth, &images).evenness;
+    // Of 0 to 5 the standard deviation is the root of 35/12; a third of red is in the mean.
+    let cv = (0.01 * 35.0 / 12.0 + 0.02 * 0.02 - 0.1 * 0.02 * 2.0 * 0.5_f64).sqrt();
+    assert_within("flat", is.flat - 1.3, 1e-4);
+    assert_within("cv", is.cv - cv, 1e-4);
+    assert_within("hue", is.hue - 0.04, 1e-4);
+    assert_within("drift", is.drift - (0.6 - 0.02 * 36.0 / 35.0), 1e-4);
+}
