@@ -303,7 +303,8 @@ fn print_json(case: &Case, judged: &[Judged]) {
             "case": case.name, "seed": seed, "identified": v.model.identified,
             "attenuation_error_per_m": v.attenuation_error_per_m,
             "attenuation_std_per_m": v.attenuation_std_per_m,
-            "z": conditions::z(judged), "beam_log_rmse": v.beam_log_rmse, "reflectance_error": v.reflectance_error,
+            "z": conditions::z(judged), "beam_log_rmse": v.beam_log_rmse,
+            "reflectance_error": v.reflectance_error,
             "raw": o.raw, "corrected": o.shown, "others": others,
         });
         println!("{line}");
