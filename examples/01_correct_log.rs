@@ -8,6 +8,8 @@ use std::path::Path;
 use unwater::{Method, Options, Progress, Step, correct};
 
 const INPUT: &str = "sample_logs/rendered_clear.mcap";
+/// Where the results go.
+const FOLDER: &str = "target/examples/01_correct_log";
 
 /// Reports the steps of a run on stderr.
 struct Steps;
@@ -22,7 +24,8 @@ impl Progress for Steps {
 
 /// Corrects the sample log.
 pub fn main() -> Result<(), Box<dyn Error>> {
-    let output = std::env::temp_dir().join("rendered_clear.corrected.mcap");
+    std::fs::create_dir_all(FOLDER)?;
+    let output = Path::new(FOLDER).join("rendered_clear.corrected.mcap");
     // The program's options and settings, with their defaults.
     let mut options = Options { force: true, ..Options::default() };
     options.config.render.method = Method::Full;
@@ -37,6 +40,6 @@ pub fn main() -> Result<(), Box<dyn Error>> {
         println!("{diagnostic}");
     }
     // Corrects other logs of this camera, strobe and water: pass it to `correct`.
-    std::fs::write(std::env::temp_dir().join("model.json"), model.to_json()?)?;
+    std::fs::write(Path::new(FOLDER).join("model.json"), model.to_json()?)?;
     Ok(())
 }

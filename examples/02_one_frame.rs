@@ -4,6 +4,7 @@
 //! image is the reflectance. `cargo run --release --example 02_one_frame`
 
 use std::error::Error;
+use std::path::Path;
 
 use unwater::{
     Camera, Config, Direction, EncodedImage, FrameCorrector, ModelFile, Removal, Rig,
@@ -11,6 +12,8 @@ use unwater::{
 };
 
 const REFLECTANCE: f64 = 0.3;
+/// Where the corrected image goes.
+const FOLDER: &str = "target/examples/02_one_frame";
 
 /// Corrects one frame.
 pub fn main() -> Result<(), Box<dyn Error>> {
@@ -40,7 +43,8 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let error = reflectances.map(|r| (r / REFLECTANCE - 1.0).abs()).fold(0.0, f64::max);
     println!("mean light path {:.2} m", corrected.facts.path_length_mean_m);
     println!("largest error of the reflectance {:.2} %", 100.0 * error);
-    std::fs::write(std::env::temp_dir().join("corrected.png"), corrected.to_png()?)?;
+    std::fs::create_dir_all(FOLDER)?;
+    std::fs::write(Path::new(FOLDER).join("corrected.png"), corrected.to_png()?)?;
     assert!(error < 0.002, "the corrected image is not the reflectance");
     Ok(())
 }

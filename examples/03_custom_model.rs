@@ -4,6 +4,7 @@
 //! `cargo run --release --example 03_custom_model`
 
 use std::error::Error;
+use std::path::Path;
 
 use unwater::{
     AttenuationOverTime, BeamGrid, BeamPattern, Camera, CameraResponse, Config, Direction,
@@ -11,6 +12,8 @@ use unwater::{
     Transform, View, decode, estimate_rendering,
 };
 
+/// Where the corrected image goes.
+const FOLDER: &str = "target/examples/03_custom_model";
 /// Full width of the beam at half the maximum (rad).
 const BEAM_WIDTH_RAD: f64 = 1.4;
 
@@ -55,7 +58,8 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let corrector = FrameCorrector::new(model, exposure, rig, config)?;
     let corrected = corrector.correct(&image, &plane, None)?;
     println!("mean gain {:.1}", corrected.facts.mean_gain);
-    std::fs::write(std::env::temp_dir().join("custom_model.png"), corrected.to_png()?)?;
+    std::fs::create_dir_all(FOLDER)?;
+    std::fs::write(Path::new(FOLDER).join("corrected.png"), corrected.to_png()?)?;
     Ok(())
 }
 

@@ -42,7 +42,8 @@
 //! };
 //! let corrected = corrector.correct(&image, &plane, None)?;
 //! println!("mean light path {:.2} m", corrected.facts.path_length_mean_m);
-//! # let directory = std::env::temp_dir();
+//! # let temporary = tempfile::tempdir()?;
+//! # let directory = temporary.path();
 //! std::fs::write(directory.join("corrected.png"), corrected.to_png()?)?;
 //! # assert!((4.0..5.0).contains(&corrected.facts.path_length_mean_m));
 //! # // Red is attenuated most, so that a grey raw image turns red.

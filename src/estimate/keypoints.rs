@@ -4,7 +4,7 @@
 //! Differences of Gaussians on the *logarithm* of light: there a contrast means the same in the
 //! bright middle of the beam and in its dark rim. After Lowe (IJCV 2004); ours, because pass one
 //! must not wait for it: the picture is reduced first, as colours are pooled over several pixels
-//! anyway. In: linear light. Out: places in pixels of the full picture. Sums run in a fixed order,
+//! anyway. In: linear light. Out: places in pixels of the full image. Sums run in a fixed order,
 //! so results do not depend on threads.
 
 use super::descriptor::Descriptor;
@@ -14,7 +14,7 @@ use crate::image::SensorImage;
 /// One keypoint.
 #[derive(Clone, Debug)]
 pub struct Keypoint {
-    /// column in the full picture (px)
+    /// column in the full image (px)
     pub u: f64,
     /// row (px)
     pub v: f64,
@@ -26,7 +26,7 @@ pub struct Keypoint {
 
 const SCALES: usize = 3;
 const SIGMA: f32 = 1.6;
-/// blur that the reduced picture is taken to have already (px)
+/// blur that the reduced image is taken to have already (px)
 const INPUT_SIGMA: f32 = 0.6;
 const EDGE_RATIO: f32 = 10.0;
 const BORDER: usize = 6;
