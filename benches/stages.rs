@@ -121,6 +121,7 @@ impl Scene {
                 method: Default::default(),
                 gain: vec![1.0; 3],
                 median_correction: vec![8.0, 5.0, 4.0],
+                median_reflectance: Vec::new(),
                 shoulder_from: None,
                 white_level: None,
             },

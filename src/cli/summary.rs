@@ -56,7 +56,7 @@ pub fn summary(
     line(
         "pixels",
         &format!(
-            "{:.2} % clipped in, {:.2} % clipped out, {:.2} % gain capped, {:.2} % off the \
+            "{:.2} % clipped in, {:.2} % clipped out, {:.2} % gain limited, {:.2} % off the \
              seafloor",
             share("clipped_input"),
             share("clipped_output"),
@@ -178,7 +178,7 @@ frames       19 of 20 corrected in 8.3 s, 2.4 a second
 attenuation  0.4500 ± 0.0010 / 0.1400 ± 0.0010 / 0.1000 ± ? per metre (physical, joint estimator), \
                         from the model given
 altitude     1.61 to 2.74 m (planes: 19 least squares)
-pixels       0.00 % clipped in, 0.00 % clipped out, 0.06 % gain capped, 0.00 % off the seafloor
+pixels       0.00 % clipped in, 0.00 % clipped out, 0.06 % gain limited, 0.00 % off the seafloor
 warnings     1, above
 messages     1040 copied, 163 added
 written      my dive.mcap

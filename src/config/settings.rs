@@ -137,9 +137,10 @@ macro_rules! settings {
                 "above it 8-bit images are compressed towards white instead of clipped; 1 clips. \
                  16-bit images are never compressed",
                 must("lie in 0.1 to 1", |share| (0.1..=1.0).contains(share));
-            gain_cap: f64 = 8.0, "times the log's median gain",
-                "beyond it an image would show noise, not seafloor",
-                must("be above 1", |gain| *gain > 1.0);
+            gain_signal_to_noise: f64 = 5.0, "1",
+                "a band of this signal-to-noise ratio keeps half of its own colour, a weaker one \
+                 less; noise stays below one over it of the median seafloor",
+                must("lie in 0.1 to 1000", |ratio| (0.1..=1000.0).contains(ratio));
             least_signal_to_noise: f64 = 10.0, "1",
                 "pixels below it are counted in low_signal_share: a tenth of the value is noise \
                  there";
@@ -147,10 +148,10 @@ macro_rules! settings {
                 "maximum relative error of the gain, which is interpolated between nodes of a grid",
                 must("lie in 0.00001 to 0.1", |error| (1e-5..=0.1).contains(error));
             mask: bool = false, "true | false",
-                "an image of bits beside each corrected one: clipped, gain capped, off the \
+                "an image of bits beside each corrected one: clipped, gain limited, off the \
                  surface, unseen beam",
                 flag("mask",
-                    "Add an image of bits beside each corrected one: clipped, gain capped, off the \
+                    "Add an image of bits beside each corrected one: clipped, gain limited, off the \
                      surface, unseen beam");
             rectify: bool = false, "true | false", "removes lens distortion as well (Fig. 2)",
                 flag("rectify", "Remove lens distortion as well");

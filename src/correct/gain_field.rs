@@ -15,13 +15,15 @@
 //! node by node, and pixel by pixel.
 
 use super::node_grid::{NodeGrid, RowWalker};
+use super::signal::{Signal, is_limited};
 use super::{Correction, FrameFacts, mask};
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::Bands;
+use crate::image::noise::Noise;
 use crate::model::{BeamPattern, Removal};
 
-/// Larger log gains make no difference to the eye, and would overflow before the cap applies.
-const MAX_LOG_GAIN: f32 = 60.0;
+/// Larger log gains belong to light without any signal.
+const MAX_LOG_GAIN: f32 = 30.0;
 /// A cell over which the gain changes by more than this factor is not interpolated.
 const STEEP: f32 = 1.1;
 /// The same for θ, φ and log radiance without beam, between nodes where they are exact.
@@ -44,23 +46,25 @@ pub struct GainField<'g> {
     pub(super) gains: NodeGrid,
     /// backscatter, where it is modelled
     pub(super) scattered: Option<NodeGrid>,
+    /// weights of the bands by their signal, where the method has a gain; −1 off the seafloor
+    pub(super) weights: Option<NodeGrid>,
+    /// signal and noise of the frame, where the method has a gain
+    pub(super) signal: Option<Signal<'g>>,
     /// bits of the mask, by node
     pub(super) bits: Vec<u8>,
     removal: Removal,
     /// cells that are not interpolated
     uneven: Vec<bool>,
-    /// one over the log's median correction, by band; 0 for bands that do not exist
-    per_median: [f32; 3],
-    /// the rendering's gain, by band
+    /// the rendering's gain, by band; 0 for bands that do not exist
     rendering_gain: [f32; 3],
     facts: FrameFacts,
 }
 
 /// What Eq. 15 gives at one point.
 struct Node {
-    gain: [f32; 3],
+    /// factor of the light, without exposure
+    factor: [f32; 3],
     scattered: [f32; 3],
-    is_capped: bool,
     is_seen: bool,
 }
 
@@ -85,7 +89,7 @@ struct Sums {
     path_m: f64,
     shortest_m: Option<f64>,
     longest_m: f64,
-    capped: usize,
+    limited: usize,
     unseen: usize,
     on_surface: usize,
     gain: f64,
@@ -105,7 +109,7 @@ impl Sums {
             path_length_min_m: self.shortest_m.unwrap_or(f64::NAN),
             path_length_mean_m: self.path_m / self.paths.max(1) as f64,
             path_length_max_m: self.longest_m,
-            gain_capped_share: self.capped as f64 / nodes as f64,
+            gain_capped_share: self.limited as f64 / nodes as f64,
             off_surface_share: 1.0 - self.on_surface as f64 / nodes as f64,
             unseen_beam_share: self.unseen as f64 / nodes as f64,
             mean_gain: self.gain / self.on_surface.max(1) as f64,
@@ -115,12 +119,14 @@ impl Sums {
 }
 
 impl<'g> GainField<'g> {
-    /// Evaluates the nodes over an image of `size` pixels.
+    /// Evaluates the nodes over an image of `size` pixels with this noise, of a frame that got
+    /// `frame_gain` times its neighbours' light.
     pub fn new(
         correction: &'g Correction<'g>,
         view: &View<'g>,
         size: (usize, usize),
         bands: usize,
+        of_frame: (&'g Noise, f64),
     ) -> Self {
         let middle = view.light_path(size.0 as f64 / 2.0, size.1 as f64 / 2.0);
         let nearer =
@@ -132,6 +138,8 @@ impl<'g> GainField<'g> {
         let gains = NodeGrid::new(size, step, bands, f32::NAN);
         let nodes = gains.columns * gains.rows;
         let rendering = correction.rendering;
+        let has_gain = !correction.config.method.is_baseline();
+        let least_ratio = correction.config.gain_signal_to_noise;
         let of_band = |value: &dyn Fn(usize) -> f64| {
             std::array::from_fn(|b| if b < bands { value(b) as f32 } else { 0.0 })
         };
@@ -142,10 +150,11 @@ impl<'g> GainField<'g> {
             bands,
             gains,
             scattered: correction.glow.map(|_| NodeGrid::new(size, step, bands, 0.0)),
+            weights: has_gain.then(|| NodeGrid::new(size, step, bands, -1.0)),
+            signal: has_gain.then(|| Signal::new(rendering, bands, least_ratio, of_frame)),
             bits: vec![mask::OFF_SURFACE; nodes],
             removal: Removal::of(correction.config.method),
             uneven: Vec::new(),
-            per_median: of_band(&|b| 1.0 / rendering.median_correction[b]),
             rendering_gain: of_band(&|b| rendering.gain[b]),
             facts: FrameFacts::default(),
         };
@@ -180,22 +189,28 @@ impl<'g> GainField<'g> {
         if counts_path {
             sums.add_path(&path);
         }
-        let (gain, is_capped, is_seen) = self.gain(&path);
+        let (factor, is_seen) = self.factor(&path);
         let scattered = self.scattered_at(u, v, &path);
-        self.set(node, &Node { gain, scattered, is_capped, is_seen }, sums);
+        self.set(node, &Node { factor, scattered, is_seen }, sums);
     }
 
     fn set(&mut self, index: usize, node: &Node, sums: &mut Sums) {
         let (row, column) = (index / self.gains.columns, index % self.gains.columns);
-        self.gains.at_mut(row, column).copy_from_slice(&node.gain[..self.bands]);
+        let gain = self.rendered(node.factor);
+        self.gains.at_mut(row, column).copy_from_slice(&gain[..self.bands]);
         if let Some(nodes) = &mut self.scattered {
             nodes.at_mut(row, column).copy_from_slice(&node.scattered[..self.bands]);
         }
-        self.bits[index] = self.bits_of(node.is_capped, node.is_seen);
+        let weights = self.signal.map_or([1.0; 3], |s| s.weights(node.factor, node.scattered));
+        let weights = &weights[..self.bands];
+        if let Some(nodes) = &mut self.weights {
+            nodes.at_mut(row, column).copy_from_slice(weights);
+        }
+        self.bits[index] = self.bits_of(weights, node.is_seen);
         sums.on_surface += 1;
-        sums.capped += usize::from(node.is_capped);
+        sums.limited += usize::from(is_limited(weights));
         sums.unseen += usize::from(!node.is_seen);
-        sums.gain += f64::from(node.gain[..self.bands].iter().sum::<f32>()) / self.bands as f64;
+        sums.gain += f64::from(gain[..self.bands].iter().sum::<f32>()) / self.bands as f64;
     }
 
     /// θ, φ, log radiance without beam per band, backscatter per band: exact on every `every`-th
@@ -260,17 +275,11 @@ impl<'g> GainField<'g> {
         let angles = StrobeAngles { theta_rad: f64::from(parts[0]), phi_rad: f64::from(parts[1]) };
         let (log_beam, is_seen) = self.correction.model.beam_pattern.read(angles);
         let log_beam = if self.removal.beam { log_beam as f32 } else { 0.0 };
-        let (gain, is_capped) = self.capped(std::array::from_fn(|b| {
+        let factor = std::array::from_fn(|b| {
             if b < bands { (-log_beam - parts[2 + b]).min(MAX_LOG_GAIN).exp() } else { 0.0 }
-        }));
+        });
         let scattered = std::array::from_fn(|b| if b < bands { parts[2 + bands + b] } else { 0.0 });
-        Node { gain, scattered, is_capped, is_seen }
-    }
-
-    fn bits_of(&self, is_capped: bool, is_seen: bool) -> u8 {
-        // A baseline has no gain that could be capped.
-        let capped = is_capped && !self.correction.config.method.is_baseline();
-        (u8::from(capped) * mask::CAPPED) | (u8::from(!is_seen) * mask::UNSEEN_BEAM)
+        Node { factor, scattered, is_seen }
     }
 
     /// Adds the bits of every pixel to a mask: those of its cell's corners where they agree, its
@@ -287,11 +296,14 @@ impl<'g> GainField<'g> {
             *bits |= if corners.iter().all(|c| *c == corners[0]) {
                 corners[0]
             } else {
+                let (u, v) = (x as f64, y as f64);
                 let own = |path: LightPath| {
-                    let (_, is_capped, is_seen) = self.gain(&path);
-                    self.bits_of(is_capped, is_seen)
+                    let (factor, is_seen) = self.factor(&path);
+                    let scattered = self.scattered_at(u, v, &path);
+                    let weights = self.signal.map_or([1.0; 3], |s| s.weights(factor, scattered));
+                    self.bits_of(&weights[..self.bands], is_seen)
                 };
-                self.view.light_path(x as f64, y as f64).map_or(mask::OFF_SURFACE, own)
+                self.view.light_path(u, v).map_or(mask::OFF_SURFACE, own)
             };
         }
     }
@@ -301,24 +313,26 @@ impl<'g> GainField<'g> {
         self.facts
     }
 
-    /// Gain of one light path per band, whether it is capped, and whether pass one has seen its
-    /// directions in the beam.
-    pub(super) fn gain(&self, path: &LightPath) -> ([f32; 3], bool, bool) {
+    /// Factor of the light of one path per band, without exposure, and whether pass one has seen
+    /// its directions in the beam.
+    pub(super) fn factor(&self, path: &LightPath) -> ([f32; 3], bool) {
         let model = self.correction.model;
         let removed: Bands = model.log_radiance(path, self.removal);
         let is_seen = path.all_angles().all(|a| model.beam_pattern.is_seen(a));
-        let (gain, is_capped) = self.capped(std::array::from_fn(|b| {
+        let factor = |b: usize| {
             if b < self.bands { (-removed[b] as f32).min(MAX_LOG_GAIN).exp() } else { 0.0 }
-        }));
-        (gain, is_capped, is_seen)
+        };
+        (std::array::from_fn(factor), is_seen)
     }
 
-    /// The factor per band, capped and rendered. All bands are capped by the same factor: hue
-    /// stays.
-    fn capped(&self, factor: [f32; 3]) -> ([f32; 3], bool) {
-        let max = factor.iter().zip(self.per_median).fold(0f32, |max, (f, m)| max.max(f * m));
-        let cap = (self.correction.config.gain_cap as f32 / max).min(1.0);
-        (std::array::from_fn(|b| factor[b] * cap * self.rendering_gain[b]), cap < 1.0)
+    /// Gain of one light path per band.
+    pub(super) fn gain(&self, path: &LightPath) -> [f32; 3] {
+        self.rendered(self.factor(path).0)
+    }
+
+    /// Factors with exposure and white balance.
+    fn rendered(&self, factor: [f32; 3]) -> [f32; 3] {
+        std::array::from_fn(|b| factor[b] * self.rendering_gain[b])
     }
 
     /// Backscatter of a pixel.
@@ -339,111 +353,4 @@ impl<'g> GainField<'g> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config::{RenderConfig, Spreading};
-    use crate::coordinates::{Direction, Transform};
-    use crate::correct::MeanFrames;
-    use crate::correct::gain_rows::GainRows;
-    use crate::geometry::{SeafloorPlane, Support};
-    use crate::image::LinearImage;
-    use crate::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
-    use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
-
-    /// The interpolated gain against the exact formula, on a tilted seafloor, with part of the
-    /// image above the horizon.
-    #[test]
-    fn the_interpolated_field_agrees_with_the_exact_model() {
-        let nodes = BeamGrid::new(41, 70.0);
-        let pattern: Vec<Option<f64>> = (0..41 * 41)
-            .map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2)))
-            .collect();
-        let model = ImagingModel {
-            bands: 3,
-            attenuation_per_m: [0.5, 0.15, 0.1],
-            spreading: SpreadingModel::of(Spreading::Strobe),
-            incidence: true,
-            beam_pattern: BeamPattern::from_nodes(nodes, &pattern).refined(8),
-            over_time: Default::default(),
-            backscatter: None,
-        };
-        let config = RenderConfig { gain_cap: 1e30, ..RenderConfig::default() };
-        let rendering = RenderingFile {
-            method: Default::default(),
-            gain: vec![1.0; 3],
-            median_correction: vec![1.0; 3],
-            shoulder_from: None,
-            white_level: None,
-        };
-        let correction = Correction {
-            model: &model,
-            rendering: &rendering,
-            config: &config,
-            glow: None,
-            means: &MeanFrames::default(),
-            clipped_above: 1.0,
-            roughness: model.beam_pattern.roughness(0.05),
-            electrons: Default::default(),
-        };
-        for (times, pitch_deg) in [(1, 0.0), (1, 25.0), (1, 66.0), (4, 0.0), (4, 25.0f64)] {
-            let (width, height) = (643 * times, 451 * times);
-            let camera = Camera::from_field_of_view(width, height, 55.0);
-            let (sin, cos) = pitch_deg.to_radians().sin_cos();
-            let plane = SeafloorPlane {
-                normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos))
-                    .expect("a normal"),
-                distance_m: 2.0,
-                support: Support::LeastSquares,
-                returns: 4,
-                residual_m: 0.0,
-                nearest_ping_s: 0.0,
-            };
-            let rig = Rig {
-                camera,
-                body_from_optical: Transform::identity(),
-                body_from_dvl: Transform::identity(),
-                strobe: StrobeMount {
-                    lamps: Lamps::one(Transform::from_parts(
-                        [-0.8, 0.1, 0.1],
-                        [0.0, 0.17, 0.0, 0.985],
-                    )),
-                    source: None,
-                },
-            };
-            let view = View { camera: &camera, rig: &rig, plane: &plane, terrain: None };
-            let mut image = LinearImage::new(width, height, 3);
-            // A frame that got more light than its neighbours comes out as they do.
-            let frame_gain = 1.25;
-            image.pixels.fill(frame_gain as f32);
-            let field = GainField::new(&correction, &view, (width, height), 3);
-            let mut bits = vec![0; width * height];
-            field.mark(&mut bits);
-            let mut rows = GainRows::new(&field, None, frame_gain);
-            for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
-                rows.go_to(y);
-                rows.multiply(row);
-            }
-            let (mut worst, mut off) = (0f64, 0);
-            for y in (0..height).step_by(3 * times - 1) {
-                for x in (0..width).step_by(3 * times - 1) {
-                    match view.light_path(x as f64, y as f64) {
-                        Some(path) if path.length_m() < 30.0 => {
-                            let exact = (-model.log_radiance(&path, Removal::FULL)[0]).exp();
-                            worst = worst.max((f64::from(image.at(x, y)[0]) / exact - 1.0).abs());
-                        }
-                        Some(_) => {}
-                        None => {
-                            assert_eq!(
-                                (image.at(x, y), bits[y * width + x]),
-                                ([0.0; 3].as_slice(), mask::OFF_SURFACE)
-                            );
-                            off += 1;
-                        }
-                    }
-                }
-            }
-            assert!(worst < if pitch_deg < 60.0 { 1e-3 } else { 4e-3 }, "{worst} at {pitch_deg}°");
-            assert!((off > 0) == (pitch_deg > 60.0), "{off} off the seafloor at {pitch_deg}°");
-        }
-    }
-}
+mod tests;

@@ -77,7 +77,7 @@ impl<'g> GainRows<'g> {
         }
         let exact = |x: usize| {
             let path = field.view.light_path(x as f64, y as f64);
-            let gain = path.map_or([0.0; 3], |path| field.gain(&path).0);
+            let gain = path.map_or([0.0; 3], |path| field.gain(&path));
             let value = |b: usize| {
                 if b < stored {
                     light[x * stored + b] * per_gain * gain[self.band(x, b)]

@@ -4,7 +4,7 @@ use crate::vehicle::Camera;
 
 /// Input clipped at full scale, or demosaiced from a clipped pixel.
 pub const CLIPPED: u8 = 1;
-/// Gain limited to the maximum: too dark.
+/// A band's signal is near its noise: its gain is limited, its colour is not measured.
 pub const CAPPED: u8 = 2;
 /// No seafloor point: black.
 pub const OFF_SURFACE: u8 = 4;

@@ -14,10 +14,12 @@
 mod baselines;
 mod gain_field;
 mod gain_rows;
+mod highlights;
 pub mod mask;
 mod node_grid;
 mod rectify;
 mod rendering;
+mod signal;
 
 pub use baselines::{MeanFrames, apply as apply_baseline};
 pub use rendering::estimate_rendering;
@@ -33,7 +35,9 @@ use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain_field::GainField;
 use gain_rows::GainRows;
+use highlights::Highlights;
 use rectify::rectified;
+use signal::Shrinkage;
 
 /// How a whole log is corrected.
 #[derive(Clone, Copy)]
@@ -42,7 +46,7 @@ pub struct Correction<'m> {
     pub model: &'m ImagingModel,
     /// of that beam pattern, see [`roughness`](crate::model::BeamPattern::roughness)
     pub roughness: (f64, f64),
-    /// exposure, white balance and the reference of the gain cap
+    /// exposure, white balance and the median reflectance
     pub rendering: &'m RenderingFile,
     /// the settings
     pub config: &'m RenderConfig,
@@ -71,7 +75,7 @@ pub struct FrameFacts {
     pub clipped_input_share: f64,
     /// corrected pixels at full scale
     pub clipped_output_share: f64,
-    /// pixels whose gain is capped
+    /// pixels with a band whose gain is limited, as its signal is near its noise
     pub gain_capped_share: f64,
     /// rays that never meet the seafloor
     pub off_surface_share: f64,
@@ -81,6 +85,8 @@ pub struct FrameFacts {
     pub mean_gain: f64,
     /// pixels whose light, less backscatter, is too close to its noise
     pub low_signal_share: f64,
+    /// pixels clipped in some bands that are rendered neutral
+    pub restored_share: f64,
 }
 
 /// A raw frame and its geometry.
@@ -126,6 +132,7 @@ struct Counts {
     clipped_output: usize,
     low_signal: usize,
     signal_samples: usize,
+    restored: usize,
 }
 
 impl Correction<'_> {
@@ -137,7 +144,8 @@ impl Correction<'_> {
         let (width, height, bands) = (codes.width, codes.height, codes.bands());
         let is_baseline = self.config.method.is_baseline();
         let white = self.config.white() as f32;
-        let field = GainField::new(self, view, (width, height), bands);
+        let of_frame = (frame.noise, frame.gain);
+        let field = GainField::new(self, view, (width, height), bands, of_frame);
         let mut counts = Counts::default();
         let mut clipped_output = 0;
         let mut finish = |row: &mut [f32]| {
@@ -188,15 +196,29 @@ impl Correction<'_> {
             .mask
             .then(|| mask::ClippingMask::new(width, height, codes.mosaic.is_some()));
         let mut demosaic = codes.mosaic.map(|pattern| Demosaic::new(width, height, pattern));
+        let mut highlights = Highlights::new(codes.mosaic, codes.bands());
+        let mut shrinkage = Shrinkage::new(field);
+        let mut finished = 0;
+        let mut finish = |highlights: &mut Highlights, row: &mut [f32]| {
+            if !is_baseline {
+                highlights.restore(finished, row);
+                if let Some(shrinkage) = &mut shrinkage {
+                    shrinkage.apply(finished, row);
+                }
+            }
+            finished += 1;
+            out(row);
+        };
         let mut row = vec![0f32; width * stored];
         for y in 0..height {
             codes.linear_row(y, &mut row);
             if let Some(flat) = flat_field {
                 flat.divide_row(y, codes.mosaic, &mut row);
             }
-            if flat_field.is_some() || codes.may_reach(y, self.clipped_above) {
-                counts.clipped_input += reaching(&row, stored, self.clipped_above);
-            }
+            let may_reach = flat_field.is_some() || codes.may_reach(y, self.clipped_above);
+            let clipped = if may_reach { reaching(&row, stored, self.clipped_above) } else { 0 };
+            counts.clipped_input += clipped;
+            highlights.push(y, &row, self.clipped_above, clipped > 0);
             if let Some(mask) = &mut mask {
                 mask.mark_row(y, &row, self.clipped_above);
             }
@@ -208,10 +230,11 @@ impl Correction<'_> {
                 gains.multiply(&mut row);
             }
             match &mut demosaic {
-                Some(demosaic) => demosaic.push(&row, &mut out),
-                None => out(&mut row),
+                Some(demosaic) => demosaic.push(&row, |row| finish(&mut highlights, row)),
+                None => finish(&mut highlights, &mut row),
             }
         }
+        counts.restored = highlights.restored;
         let mut bits = mask?.bits;
         field.mark(&mut bits);
         Some(bits)
@@ -224,6 +247,7 @@ impl Correction<'_> {
             clipped_input_share: counts.clipped_input as f64 / pixels,
             clipped_output_share: counts.clipped_output as f64 / pixels,
             low_signal_share: counts.low_signal as f64 / counts.signal_samples.max(1) as f64,
+            restored_share: counts.restored as f64 / pixels,
             ..field.facts()
         };
         if self.config.method.is_baseline() {

@@ -58,10 +58,12 @@ pub fn estimate_rendering(
         method if method.is_baseline() => vec![1.0; bands],
         _ => balance.iter().map(|w| finite_or_one(w * exposure)).collect(),
     };
+    let reflectance = |b: usize| median(&corrected.iter().map(|c| c[b]).collect::<Vec<_>>());
     RenderingFile {
         method: config.method,
         gain,
         median_correction,
+        median_reflectance: (0..bands).map(|b| finite_or_one(reflectance(b).exp())).collect(),
         shoulder_from: Some(config.shoulder_from),
         white_level,
     }

@@ -148,9 +148,12 @@ pub struct RenderingFile {
     pub method: Method,
     /// output = gain × corrected light, per band; exposure and white balance in one
     pub gain: Vec<f64>,
-    /// median over the log of the factor each pixel is multiplied by before `gain`, per band (the
-    /// cap refers to it)
+    /// median over the log of the factor each pixel is multiplied by before `gain`, per band
     pub median_correction: Vec<f64>,
+    /// median over the log of corrected light before `gain`, per band; the limit of the gain refers
+    /// to it. Empty in models of earlier versions
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub median_reflectance: Vec<f64>,
     /// light above this is bent towards white in 8-bit pictures; cut off at white where absent
     #[serde(default)]
     pub shoulder_from: Option<f64>,

@@ -15,6 +15,7 @@ mod examples;
 mod foreign_bytes;
 mod jpeg;
 mod judge;
+mod limits_of_signal;
 mod messages;
 mod products;
 mod program;

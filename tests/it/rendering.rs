@@ -95,7 +95,7 @@ fn mask_and_report_agree() {
     assert!(mask_of(folder.path(), &options).1.is_empty(), "no mask unless it is asked for");
     // A mosaic from 8-bit codes: bits come back as codes through the sRGB curve.
     options.config.render.mask = true;
-    options.config.render.gain_cap = 1.2;
+    options.config.render.gain_signal_to_noise = 400.0;
     options.config.estimate.clipped_above = 0.6;
     for rectify in [false, true] {
         options.config.render.rectify = rectify;

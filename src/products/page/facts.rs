@@ -199,7 +199,7 @@ fn pixel_shares(camera: &CameraLog) -> String {
     let shares = &camera.report.mean_shares;
     let share = |name: &str| 100.0 * shares.get(name).copied().unwrap_or(0.0);
     format!(
-        "{:.2} % clipped as recorded, {:.2} % clipped as corrected, {:.2} % held at the gain cap, \
+        "{:.2} % clipped as recorded, {:.2} % clipped as corrected, {:.2} % with a limited gain, \
          {:.2} % off the seafloor, {:.2} % lit by a part of the beam that no frame showed before, \
          {:.2} % with too little light",
         share("clipped_input"),

@@ -37,6 +37,7 @@ impl Tally {
                     ("off_surface", f.off_surface_share),
                     ("unseen_beam", f.unseen_beam_share),
                     ("low_signal", f.low_signal_share),
+                    ("restored_highlights", f.restored_share),
                 ] {
                     *self.shares.entry(name).or_default() += share;
                 }

@@ -100,4 +100,5 @@ const UNKNOWN: FrameFacts = FrameFacts {
     unseen_beam_share: f64::NAN,
     mean_gain: f64::NAN,
     low_signal_share: f64::NAN,
+    restored_share: f64::NAN,
 };

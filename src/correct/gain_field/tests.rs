@@ -1,0 +1,113 @@
+use super::*;
+use crate::config::{RenderConfig, Spreading};
+use crate::coordinates::{Direction, Transform};
+use crate::correct::MeanFrames;
+use crate::correct::gain_rows::GainRows;
+use crate::geometry::{SeafloorPlane, Support};
+use crate::image::decode::{CameraResponse, Coding};
+use crate::image::transfer::Transfer;
+use crate::image::{Container, LinearImage};
+use crate::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
+use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
+
+/// The interpolated gain against the exact formula, on a tilted seafloor, with part of the
+/// image above the horizon.
+#[test]
+fn the_interpolated_field_agrees_with_the_exact_model() {
+    let nodes = BeamGrid::new(41, 70.0);
+    let pattern: Vec<Option<f64>> = (0..41 * 41)
+        .map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2)))
+        .collect();
+    let model = ImagingModel {
+        bands: 3,
+        attenuation_per_m: [0.5, 0.15, 0.1],
+        spreading: SpreadingModel::of(Spreading::Strobe),
+        incidence: true,
+        beam_pattern: BeamPattern::from_nodes(nodes, &pattern).refined(8),
+        over_time: Default::default(),
+        backscatter: None,
+    };
+    let config = RenderConfig::default();
+    let rendering = RenderingFile {
+        method: Default::default(),
+        gain: vec![1.0; 3],
+        median_correction: vec![1.0; 3],
+        median_reflectance: Vec::new(),
+        shoulder_from: None,
+        white_level: None,
+    };
+    let correction = Correction {
+        model: &model,
+        rendering: &rendering,
+        config: &config,
+        glow: None,
+        means: &MeanFrames::default(),
+        clipped_above: 1.0,
+        roughness: model.beam_pattern.roughness(0.05),
+        electrons: Default::default(),
+    };
+    let coding = Coding {
+        bits: 16,
+        container: Container::Raw,
+        transfer: Transfer::Linear,
+        bits_used: 0xffff,
+    };
+    let noise = Noise::of(&coding, CameraResponse::default(), Default::default());
+    for (times, pitch_deg) in [(1, 0.0), (1, 25.0), (1, 66.0), (4, 0.0), (4, 25.0f64)] {
+        let (width, height) = (643 * times, 451 * times);
+        let camera = Camera::from_field_of_view(width, height, 55.0);
+        let (sin, cos) = pitch_deg.to_radians().sin_cos();
+        let plane = SeafloorPlane {
+            normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos))
+                .expect("a normal"),
+            distance_m: 2.0,
+            support: Support::LeastSquares,
+            returns: 4,
+            residual_m: 0.0,
+            nearest_ping_s: 0.0,
+        };
+        let rig = Rig {
+            camera,
+            body_from_optical: Transform::identity(),
+            body_from_dvl: Transform::identity(),
+            strobe: StrobeMount {
+                lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])),
+                source: None,
+            },
+        };
+        let view = View { camera: &camera, rig: &rig, plane: &plane, terrain: None };
+        let mut image = LinearImage::new(width, height, 3);
+        // A frame that got more light than its neighbours comes out as they do.
+        let frame_gain = 1.25;
+        image.pixels.fill(frame_gain as f32);
+        let field = GainField::new(&correction, &view, (width, height), 3, (&noise, frame_gain));
+        let mut bits = vec![0; width * height];
+        field.mark(&mut bits);
+        let mut rows = GainRows::new(&field, None, frame_gain);
+        for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
+            rows.go_to(y);
+            rows.multiply(row);
+        }
+        let (mut worst, mut off) = (0f64, 0);
+        for y in (0..height).step_by(3 * times - 1) {
+            for x in (0..width).step_by(3 * times - 1) {
+                match view.light_path(x as f64, y as f64) {
+                    Some(path) if path.length_m() < 30.0 => {
+                        let exact = (-model.log_radiance(&path, Removal::FULL)[0]).exp();
+                        worst = worst.max((f64::from(image.at(x, y)[0]) / exact - 1.0).abs());
+                    }
+                    Some(_) => {}
+                    None => {
+                        assert_eq!(
+                            (image.at(x, y), bits[y * width + x]),
+                            ([0.0; 3].as_slice(), mask::OFF_SURFACE)
+                        );
+                        off += 1;
+                    }
+                }
+            }
+        }
+        assert!(worst < if pitch_deg < 60.0 { 1e-3 } else { 4e-3 }, "{worst} at {pitch_deg}°");
+        assert!((off > 0) == (pitch_deg > 60.0), "{off} off the seafloor at {pitch_deg}°");
+    }
+}
