@@ -95,6 +95,7 @@ impl Scene {
                 beam_pattern: BeamPattern::from_nodes(nodes, &beam).refined(8),
                 over_time: Default::default(),
                 backscatter: None,
+                empirical: None,
             },
             rig: Rig {
                 camera,
@@ -152,6 +153,7 @@ impl Scene {
             flat_field: None,
             view: &view,
             gain: 1.0,
+            range_factor: 1.0,
             noise: &noise,
             rectified: None,
         };

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::diagnostics::{self, Diagnostic, LogFact, Severity};
+use crate::model::Verdict;
 use crate::recording::Damage;
 
 /// `report.json`: the result of a run for one camera.
@@ -33,6 +34,9 @@ pub struct Report {
     pub planes: BTreeMap<String, usize>,
     /// lowest and highest camera altitude of the corrected frames (m)
     pub camera_altitude_m: Option<[f64; 2]>,
+    /// how much better than raw the correction is, on frames that pass one did not use
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// shares of pixels, means over the corrected frames
     pub mean_shares: BTreeMap<String, f64>,
     /// assumptions, what may make the result worse, what is missing in the output

@@ -35,6 +35,7 @@ pub fn summary(
     }
     let source = if given { ", from the model given" } else { "" };
     line("attenuation", &format!("{}{source}", attenuation(model, paint)));
+    judged(report, model).iter().for_each(|(name, value)| line(name, value));
     if let Some(strobe) = model.strobe.as_ref().filter(|s| s.source.is_estimated()) {
         let [x, y, z] = strobe.position_in_optical_m;
         let std = strobe.position_std_m.map_or_else(String::new, |s| {
@@ -64,12 +65,18 @@ pub fn summary(
             share("off_surface")
         ),
     );
-    match report.of(Severity::Warning).count() {
-        0 => {}
-        1 => line("warnings", &paint.warning("1, above")),
-        n => line("warnings", &paint.warning(&format!("{n}, above"))),
+    let warnings = report.of(Severity::Warning).count();
+    if warnings > 0 {
+        line("warnings", &paint.warning(&format!("{warnings}, above")));
     }
     text
+}
+
+/// The empirical model, and what the correction does on held-out frames.
+fn judged(report: &Report, model: &ModelFile) -> Vec<(&'static str, String)> {
+    let form = model.empirical.as_ref().map(|e| ("light", format!("empirical: {}", e.form.word())));
+    let text = report.verdict.as_ref().and_then(|v| Some((v.measure.word(), v.text()?)));
+    form.into_iter().chain(text).collect()
 }
 
 /// Where the log lies and what opens it.
@@ -106,6 +113,9 @@ pub fn attenuation(model: &ModelFile, paint: Paint) -> String {
         .enumerate()
         .map(|(i, b)| if bands.len() == 3 { paint.band(i, b) } else { (*b).into() })
         .collect();
+    if model.empirical.is_some() {
+        return format!("{}, empirical estimator", paint.warning("not determined"));
+    }
     let sure = if model.identified {
         String::new()
     } else {

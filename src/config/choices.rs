@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {
-    /// joint where frames overlap, else pairs, else altitude
+    /// joint where frames overlap, else pairs, else altitude; empirical where it predicts better
     #[default]
     Auto,
     /// attenuation, beam pattern and reflectances in one robust solve
@@ -16,6 +16,8 @@ pub enum Estimator {
     Pairs,
     /// slope of log colour against altitude (Fig. 6), Eq. 17 for the beam pattern
     Altitude,
+    /// light by regions of the image over slant range; determines no attenuation
+    Empirical,
 }
 
 impl Estimator {
@@ -26,6 +28,7 @@ impl Estimator {
             Self::Joint => "joint",
             Self::Pairs => "pairs",
             Self::Altitude => "altitude",
+            Self::Empirical => "empirical",
         }
     }
 }

@@ -59,8 +59,9 @@ macro_rules! settings {
         }
         /// Pass one.
         estimate: EstimateConfig [EstimateOptions, "Estimation"] {
-            estimator: Estimator = Estimator::Auto, "auto | joint | pairs | altitude",
-                "joint where frames overlap, else pairs, else altitude",
+            estimator: Estimator = Estimator::Auto, "auto | joint | pairs | altitude | empirical",
+                "joint where frames overlap, else pairs, else altitude; empirical where \
+                 attenuation is not identified and it predicts held-out frames better",
                 option("estimator", "NAME", "Estimator of the attenuation");
             spreading: Spreading = Spreading::Strobe, "none | strobe | paper | fit",
                 "the strobe's light falls with 1/ℓ_a² (Eq. 4); without it attenuation is only \
@@ -151,8 +152,8 @@ macro_rules! settings {
                 "an image of bits beside each corrected one: clipped, gain limited, off the \
                  surface, unseen beam",
                 flag("mask",
-                    "Add an image of bits beside each corrected one: clipped, gain limited, off the \
-                     surface, unseen beam");
+                    "Add an image of bits beside each corrected one: clipped, gain limited, off \
+                     the surface, unseen beam");
             rectify: bool = false, "true | false", "removes lens distortion as well (Fig. 2)",
                 flag("rectify", "Remove lens distortion as well");
             image_format: ImageFormat = ImageFormat::Auto, "auto | jpeg | png | raw | same",

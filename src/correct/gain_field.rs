@@ -15,12 +15,12 @@
 //! node by node, and pixel by pixel.
 
 use super::node_grid::{NodeGrid, RowWalker};
-use super::signal::{Signal, is_limited};
+use super::signal::{FrameLight, Signal, is_limited};
 use super::{Correction, FrameFacts, mask};
+use crate::config::Method;
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::Bands;
-use crate::image::noise::Noise;
-use crate::model::{BeamPattern, Removal};
+use crate::model::{BeamPattern, EmpiricalModel, Removal};
 
 /// Larger log gains belong to light without any signal.
 const MAX_LOG_GAIN: f32 = 30.0;
@@ -52,6 +52,9 @@ pub struct GainField<'g> {
     pub(super) signal: Option<Signal<'g>>,
     /// bits of the mask, by node
     pub(super) bits: Vec<u8>,
+    /// instead of the model of Eq. 15
+    empirical: Option<&'g EmpiricalModel>,
+    range_factor: f64,
     removal: Removal,
     /// cells that are not interpolated
     uneven: Vec<bool>,
@@ -61,11 +64,13 @@ pub struct GainField<'g> {
 }
 
 /// What Eq. 15 gives at one point.
-struct Node {
+pub(super) struct Evaluated {
     /// factor of the light, without exposure
-    factor: [f32; 3],
-    scattered: [f32; 3],
-    is_seen: bool,
+    pub factor: [f32; 3],
+    /// backscatter
+    pub scattered: [f32; 3],
+    /// whether pass one has seen its directions in the beam
+    pub is_seen: bool,
 }
 
 /// Distance between nodes (px) for which interpolation errs by no more than `error`, for a strobe
@@ -119,14 +124,13 @@ impl Sums {
 }
 
 impl<'g> GainField<'g> {
-    /// Evaluates the nodes over an image of `size` pixels with this noise, of a frame that got
-    /// `frame_gain` times its neighbours' light.
+    /// Evaluates the nodes over an image of `size` pixels, of a frame with this light.
     pub fn new(
         correction: &'g Correction<'g>,
         view: &View<'g>,
         size: (usize, usize),
         bands: usize,
-        of_frame: (&'g Noise, f64),
+        light: FrameLight<'g>,
     ) -> Self {
         let middle = view.light_path(size.0 as f64 / 2.0, size.1 as f64 / 2.0);
         let nearer =
@@ -139,6 +143,9 @@ impl<'g> GainField<'g> {
         let nodes = gains.columns * gains.rows;
         let rendering = correction.rendering;
         let has_gain = !correction.config.method.is_baseline();
+        let is_full = correction.config.method == Method::Full;
+        let empirical = correction.model.empirical.as_deref().filter(|_| is_full);
+        let has_backscatter = correction.glow.is_some() || empirical.is_some();
         let least_ratio = correction.config.gain_signal_to_noise;
         let of_band = |value: &dyn Fn(usize) -> f64| {
             std::array::from_fn(|b| if b < bands { value(b) as f32 } else { 0.0 })
@@ -149,9 +156,12 @@ impl<'g> GainField<'g> {
             width: size.0,
             bands,
             gains,
-            scattered: correction.glow.map(|_| NodeGrid::new(size, step, bands, 0.0)),
+            scattered: has_backscatter.then(|| NodeGrid::new(size, step, bands, 0.0)),
+            empirical,
+            range_factor: light.range_factor,
             weights: has_gain.then(|| NodeGrid::new(size, step, bands, -1.0)),
-            signal: has_gain.then(|| Signal::new(rendering, bands, least_ratio, of_frame)),
+            signal: has_gain
+                .then(|| Signal::new(rendering, bands, least_ratio, empirical.is_some(), light)),
             bits: vec![mask::OFF_SURFACE; nodes],
             removal: Removal::of(correction.config.method),
             uneven: Vec::new(),
@@ -189,12 +199,10 @@ impl<'g> GainField<'g> {
         if counts_path {
             sums.add_path(&path);
         }
-        let (factor, is_seen) = self.factor(&path);
-        let scattered = self.scattered_at(u, v, &path);
-        self.set(node, &Node { factor, scattered, is_seen }, sums);
+        self.set(node, &self.evaluated((u, v), &path), sums);
     }
 
-    fn set(&mut self, index: usize, node: &Node, sums: &mut Sums) {
+    fn set(&mut self, index: usize, node: &Evaluated, sums: &mut Sums) {
         let (row, column) = (index / self.gains.columns, index % self.gains.columns);
         let gain = self.rendered(node.factor);
         self.gains.at_mut(row, column).copy_from_slice(&gain[..self.bands]);
@@ -224,11 +232,10 @@ impl<'g> GainField<'g> {
                 let (u, v) = ((column * every * step) as f64, (row * every * step) as f64);
                 let Some(path) = self.view.light_path(u, v) else { continue };
                 sums.add_path(&path);
-                let scattered = self.scattered_at(u, v, &path);
+                let parts = self.removal.without_beam();
+                let (log_radiance, scattered) = self.parts((u, v), &path, parts);
                 let node = smooth.at_mut(row, column);
                 (node[0], node[1]) = (path.angles.theta_rad as f32, path.angles.phi_rad as f32);
-                let parts = self.removal.without_beam();
-                let log_radiance = self.correction.model.log_radiance(&path, parts);
                 for b in 0..bands {
                     node[2 + b] = log_radiance[b] as f32;
                     node[2 + bands + b] = scattered[b];
@@ -270,16 +277,47 @@ impl<'g> GainField<'g> {
     }
 
     /// A node from its smooth parts: only the beam pattern is looked up.
-    fn interpolated(&self, parts: &[f32]) -> Node {
+    fn interpolated(&self, parts: &[f32]) -> Evaluated {
         let bands = self.bands;
         let angles = StrobeAngles { theta_rad: f64::from(parts[0]), phi_rad: f64::from(parts[1]) };
         let (log_beam, is_seen) = self.correction.model.beam_pattern.read(angles);
-        let log_beam = if self.removal.beam { log_beam as f32 } else { 0.0 };
+        let has_beam = self.removal.beam && self.empirical.is_none();
+        let is_seen = is_seen || self.empirical.is_some();
+        let log_beam = if has_beam { log_beam as f32 } else { 0.0 };
         let factor = std::array::from_fn(|b| {
             if b < bands { (-log_beam - parts[2 + b]).min(MAX_LOG_GAIN).exp() } else { 0.0 }
         });
         let scattered = std::array::from_fn(|b| if b < bands { parts[2 + bands + b] } else { 0.0 });
-        Node { factor, scattered, is_seen }
+        Evaluated { factor, scattered, is_seen }
+    }
+
+    /// Weights of one pixel, exact; −1 off the seafloor.
+    pub(super) fn exact_weights(&self, x: usize, y: usize) -> [f32; 3] {
+        let (u, v) = (x as f64, y as f64);
+        let Some(signal) = &self.signal else { return [1.0; 3] };
+        self.view.light_path(u, v).map_or([-1.0; 3], |path| {
+            let Evaluated { factor, scattered, .. } = self.evaluated((u, v), &path);
+            signal.weights(factor, scattered)
+        })
+    }
+
+    /// Bits of a pixel with these weights.
+    pub(super) fn bits_of(&self, weights: &[f32], is_seen: bool) -> u8 {
+        // A baseline has no gain that could be limited.
+        let limited = is_limited(weights) && !self.correction.config.method.is_baseline();
+        (u8::from(limited) * mask::CAPPED) | (u8::from(!is_seen) * mask::UNSEEN_BEAM)
+    }
+
+    /// The brightest band of the median corrected seafloor (share of white).
+    pub(super) fn level(&self) -> f32 {
+        let levels = self.signal.as_ref().map(|s| s.levels(self.correction.rendering));
+        levels.map_or(0.0, |levels| levels.into_iter().fold(0.0, f32::max))
+    }
+
+    /// A mask with its bits.
+    pub(super) fn marked(&self, mut mask: Vec<u8>) -> Vec<u8> {
+        self.mark(&mut mask);
+        mask
     }
 
     /// Adds the bits of every pixel to a mask: those of its cell's corners where they agree, its
@@ -298,8 +336,7 @@ impl<'g> GainField<'g> {
             } else {
                 let (u, v) = (x as f64, y as f64);
                 let own = |path: LightPath| {
-                    let (factor, is_seen) = self.factor(&path);
-                    let scattered = self.scattered_at(u, v, &path);
+                    let Evaluated { factor, scattered, is_seen } = self.evaluated((u, v), &path);
                     let weights = self.signal.map_or([1.0; 3], |s| s.weights(factor, scattered));
                     self.bits_of(&weights[..self.bands], is_seen)
                 };
@@ -313,21 +350,36 @@ impl<'g> GainField<'g> {
         self.facts
     }
 
-    /// Factor of the light of one path per band, without exposure, and whether pass one has seen
-    /// its directions in the beam.
-    pub(super) fn factor(&self, path: &LightPath) -> ([f32; 3], bool) {
-        let model = self.correction.model;
-        let removed: Bands = model.log_radiance(path, self.removal);
-        let is_seen = path.all_angles().all(|a| model.beam_pattern.is_seen(a));
+    /// Log radiance of the parts and backscatter of one pixel.
+    fn parts(&self, (u, v): (f64, f64), path: &LightPath, parts: Removal) -> (Bands, [f32; 3]) {
+        let Some(empirical) = self.empirical else {
+            let radiance = self.correction.model.log_radiance(path, parts);
+            return (radiance, self.scattered_at(u, v, path));
+        };
+        let (x, y) = self.view.camera.image_plane(u, v).unwrap_or((0.0, 0.0));
+        let range_m = path.seafloor_to_camera_m * self.range_factor;
+        let (log_direct, scattered) = empirical.light(x, y, range_m);
+        (log_direct, scattered.map(|light| light as f32))
+    }
+
+    /// Factor and backscatter of one pixel.
+    pub(super) fn evaluated(&self, at: (f64, f64), path: &LightPath) -> Evaluated {
+        let (removed, scattered) = self.parts(at, path, self.removal);
+        let beam = &self.correction.model.beam_pattern;
+        let is_seen = self.empirical.is_some() || path.all_angles().all(|a| beam.is_seen(a));
         let factor = |b: usize| {
             if b < self.bands { (-removed[b] as f32).min(MAX_LOG_GAIN).exp() } else { 0.0 }
         };
-        (std::array::from_fn(factor), is_seen)
+        Evaluated { factor: std::array::from_fn(factor), scattered, is_seen }
     }
 
-    /// Gain of one light path per band.
-    pub(super) fn gain(&self, path: &LightPath) -> [f32; 3] {
-        self.rendered(self.factor(path).0)
+    /// Gain per band and backscatter of one pixel; none off the seafloor.
+    pub(super) fn gain(&self, x: usize, y: usize) -> ([f32; 3], [f32; 3]) {
+        let at = (x as f64, y as f64);
+        self.view.light_path(at.0, at.1).map_or(([0.0; 3], [0.0; 3]), |path| {
+            let Evaluated { factor, scattered, .. } = self.evaluated(at, &path);
+            (self.rendered(factor), scattered)
+        })
     }
 
     /// Factors with exposure and white balance.
@@ -336,7 +388,7 @@ impl<'g> GainField<'g> {
     }
 
     /// Backscatter of a pixel.
-    pub(super) fn scattered_at(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
+    fn scattered_at(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
         let Some((backscatter, table)) = self.correction.glow else { return [0.0; 3] };
         let of_ray = |(x, y)| backscatter.light(&table.at(x, y, path.seafloor_to_camera_m));
         let ray = self.view.camera.image_plane(u, v);

@@ -2,9 +2,10 @@
 
 use super::gain_field::GainField;
 use super::mask;
-use super::node_grid::{RowWalker, between};
+use super::node_grid::{NodeGrid, RowWalker, between};
 use crate::image::demosaic::BayerPattern;
 use crate::image::noise::Noise;
+use crate::model::limited::{shrink, without_backscatter};
 
 /// Signal and noise are compared at so many pixels along a row …
 const SIGNAL_SAMPLES_ACROSS: usize = 64;
@@ -23,6 +24,8 @@ pub struct GainRows<'g> {
     frame_gain: f64,
     gains: RowWalker<'g>,
     scattered: Option<RowWalker<'g>>,
+    /// median of the corrected seafloor by band
+    levels: [f32; 3],
     /// backscatter of the current row; empty where it is not modelled
     scattered_row: Vec<f32>,
 }
@@ -41,6 +44,10 @@ impl<'g> GainRows<'g> {
             frame_gain,
             gains: walker(&field.gains),
             scattered: field.scattered.as_ref().map(walker),
+            levels: field
+                .signal
+                .as_ref()
+                .map_or([1.0; 3], |s| s.levels(field.correction.rendering)),
             scattered_row: vec![0.0; values],
         }
     }
@@ -57,9 +64,7 @@ impl<'g> GainRows<'g> {
         walker.row(y, &mut self.scattered_row);
         let field = self.field;
         for x in field.uneven_pixels(y) {
-            let (u, v) = (x as f64, y as f64);
-            let path = field.view.light_path(u, v);
-            let light = path.map_or([0.0; 3], |path| field.scattered_at(u, v, &path));
+            let (_, light) = field.gain(x, y);
             for b in 0..self.stored {
                 self.scattered_row[x * self.stored + b] = light[self.band(x, b)];
             }
@@ -69,18 +74,15 @@ impl<'g> GainRows<'g> {
     /// Removes backscatter and multiplies by the gains of the current row over the frame's own.
     pub fn multiply(&mut self, light: &mut [f32]) {
         let (field, stored, y) = (self.field, self.stored, self.y);
-        let mut per_gain = 1.0 / self.frame_gain as f32;
-        if !self.scattered_row.is_empty() {
-            let scattered = light.iter_mut().zip(&self.scattered_row);
-            scattered.for_each(|(v, scattered)| *v = *v * per_gain - scattered);
-            per_gain = 1.0;
-        }
+        let per_gain = 1.0 / self.frame_gain as f32;
         let exact = |x: usize| {
-            let path = field.view.light_path(x as f64, y as f64);
-            let gain = path.map_or([0.0; 3], |path| field.gain(&path));
+            let (gain, _) = field.gain(x, y);
             let value = |b: usize| {
                 if b < stored {
-                    light[x * stored + b] * per_gain * gain[self.band(x, b)]
+                    let (band, at) = (self.band(x, b), x * stored + b);
+                    let scattered = self.scattered_row.get(at).copied().unwrap_or(0.0);
+                    let corrected = light[at] * per_gain * gain[band];
+                    without_backscatter(corrected, scattered * gain[band], self.levels[band])
                 } else {
                     0.0
                 }
@@ -90,7 +92,18 @@ impl<'g> GainRows<'g> {
         let exact: Vec<(usize, [f32; 3])> = field.uneven_pixels(y).map(exact).collect();
         let (above, below, share) = self.gains.around(y);
         let interpolated = light.iter_mut().zip(above).zip(below);
-        interpolated.for_each(|((v, a), b)| *v = *v * per_gain * between(*a, *b, share));
+        if self.scattered_row.is_empty() {
+            interpolated.for_each(|((v, a), b)| *v = *v * per_gain * between(*a, *b, share));
+        } else {
+            let (mosaic, levels) = (self.mosaic, &self.levels);
+            let band = |i: usize| mosaic.map_or(i % stored, |pattern| pattern.band(i, y));
+            let scattered = interpolated.zip(&self.scattered_row).enumerate();
+            scattered.for_each(|(i, (((v, a), b), scattered))| {
+                let gain = between(*a, *b, share);
+                let level = levels[band(i)];
+                *v = without_backscatter(*v * per_gain * gain, scattered * gain, level);
+            });
+        }
         for (x, pixel) in exact {
             light[x * stored..][..stored].copy_from_slice(&pixel[..stored]);
         }
@@ -126,5 +139,55 @@ impl<'g> GainRows<'g> {
             sampled += 1;
         }
         (low, sampled)
+    }
+}
+
+/// Reduces the colour of rows where bands are short of signal.
+pub struct Shrinkage<'g> {
+    field: &'g GainField<'g>,
+    walker: RowWalker<'g>,
+    /// weights of the current row
+    weights: Vec<f32>,
+    levels: [f32; 3],
+    /// rows of nodes with a weight below 1
+    is_weak: Vec<bool>,
+}
+
+impl<'g> Shrinkage<'g> {
+    /// For rows of all bands; `None` where every band has signal everywhere.
+    pub fn new(field: &'g GainField<'g>) -> Option<Self> {
+        let nodes = field.weights.as_ref()?;
+        let signal = field.signal.as_ref()?;
+        let of_row = |row: &[f32]| row.iter().any(|w| *w < 1.0);
+        let is_weak: Vec<bool> =
+            nodes.values.chunks_exact(nodes.columns * nodes.bands).map(of_row).collect();
+        is_weak.contains(&true).then(|| Self {
+            field,
+            walker: RowWalker::new(nodes, field.width, None),
+            weights: vec![0.0; field.width * nodes.bands],
+            levels: signal.levels(field.correction.rendering),
+            is_weak,
+        })
+    }
+
+    /// Changes row `y` of corrected light; rows come from top to bottom.
+    pub fn apply(&mut self, y: usize, row: &mut [f32]) {
+        let NodeGrid { step, rows, .. } = self.field.gains;
+        let top = (y / step).min(rows - 1);
+        if !self.is_weak[top] && !self.is_weak[(top + 1).min(rows - 1)] {
+            return;
+        }
+        let bands = self.field.bands;
+        self.walker.row(y, &mut self.weights);
+        for x in self.field.uneven_pixels(y) {
+            let weights = self.field.exact_weights(x, y);
+            self.weights[x * bands..][..bands].copy_from_slice(&weights[..bands]);
+        }
+        for (pixel, weights) in row.chunks_exact_mut(bands).zip(self.weights.chunks_exact(bands)) {
+            // Off the seafloor there is nothing to show.
+            if weights.iter().any(|w| *w < 1.0) && weights[0] >= 0.0 {
+                shrink(pixel, weights, &self.levels);
+            }
+        }
     }
 }

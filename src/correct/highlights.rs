@@ -1,7 +1,7 @@
 //! Pixels that are clipped in some bands: a clipped value is only a lower bound, and multiplied by
 //! its gain it would tint the highlight. It is raised to the mean of the bands that are not
 //! clipped: in corrected light the seafloor is grey on average. Where all bands are clipped, the
-//! highlight is as bright as the brightest of them, in all bands.
+//! highlight is as bright as the brightest of them, and as the median seafloor at least.
 
 use std::collections::VecDeque;
 
@@ -54,8 +54,8 @@ impl Highlights {
         self.rows.push_back(if bits.iter().any(|b| *b != 0) { bits } else { Vec::new() });
     }
 
-    /// Restores row `y` of corrected light, all bands. `levels`: a neutral pixel, by band.
-    pub fn restore(&mut self, y: usize, row: &mut [f32]) {
+    /// Restores row `y` of corrected light, all bands. `level`: that of the median seafloor.
+    pub fn restore(&mut self, y: usize, row: &mut [f32], level: f32) {
         if self.bands < 2 {
             return;
         }
@@ -74,17 +74,17 @@ impl Highlights {
         for (x, pixel) in row.chunks_exact_mut(self.bands).enumerate().take(self.merged.len()) {
             let around = x.saturating_sub(reach)..=(x + reach).min(last);
             let bits = self.merged[around].iter().fold(0, |all, bits| all | bits);
-            self.restored += usize::from(bits != 0 && restore(pixel, bits));
+            self.restored += usize::from(bits != 0 && restore(pixel, bits, level));
         }
     }
 }
 
 /// Raises the clipped bands of a pixel; whether that changed it.
-fn restore(pixel: &mut [f32], clipped: u8) -> bool {
+fn restore(pixel: &mut [f32], clipped: u8, level: f32) -> bool {
     let is_clipped = |b: usize| clipped >> b & 1 != 0;
     let free = || pixel.iter().enumerate().filter(|(b, _)| !is_clipped(*b));
     let neutral = match free().count() {
-        0 => pixel.iter().copied().fold(0.0, f32::max),
+        0 => pixel.iter().copied().fold(level, f32::max),
         n => free().map(|(_, v)| v).sum::<f32>() / n as f32,
     };
     let mut is_changed = false;
@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn clipped_bands_are_raised_to_the_others_and_white_stays_white() {
         let restored = |mut pixel: [f32; 3], clipped: u8| {
-            restore(&mut pixel, clipped);
+            restore(&mut pixel, clipped, 0.2);
             pixel
         };
         assert_eq!(restored([1.6, 0.9, 0.8], 0b110), [1.6, 1.6, 1.6]);
@@ -118,7 +118,7 @@ mod tests {
         let mut highlights = Highlights::new(Some(BayerPattern::Rggb), 3);
         let restored_in = |highlights: &mut Highlights, y: usize| {
             let mut row = [1.5f32, 0.9, 0.9].repeat(8);
-            highlights.restore(y, &mut row);
+            highlights.restore(y, &mut row, 0.2);
             row.chunks_exact(3).filter(|pixel| pixel[1] == 1.2).count()
         };
         let mut counts = Vec::new();

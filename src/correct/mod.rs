@@ -22,7 +22,7 @@ mod rendering;
 mod signal;
 
 pub use baselines::{MeanFrames, apply as apply_baseline};
-pub use rendering::estimate_rendering;
+pub use rendering::{estimate_rendering, rendering_of};
 
 use crate::config::RenderConfig;
 use crate::geometry::View;
@@ -34,10 +34,10 @@ use crate::image::{LinearImage, max_value};
 use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain_field::GainField;
-use gain_rows::GainRows;
+use gain_rows::{GainRows, Shrinkage};
 use highlights::Highlights;
 use rectify::rectified;
-use signal::Shrinkage;
+use signal::FrameLight;
 
 /// How a whole log is corrected.
 #[derive(Clone, Copy)]
@@ -100,6 +100,8 @@ pub struct Frame<'f> {
     pub view: &'f View<'f>,
     /// light of this frame over its neighbours'
     pub gain: f64,
+    /// factor of its slant ranges, in the empirical model
+    pub range_factor: f64,
     /// noise of its pixel values
     pub noise: &'f Noise,
     /// the camera without distortion, where the image is to be rectified
@@ -144,8 +146,9 @@ impl Correction<'_> {
         let (width, height, bands) = (codes.width, codes.height, codes.bands());
         let is_baseline = self.config.method.is_baseline();
         let white = self.config.white() as f32;
-        let of_frame = (frame.noise, frame.gain);
-        let field = GainField::new(self, view, (width, height), bands, of_frame);
+        let light =
+            FrameLight { noise: frame.noise, gain: frame.gain, range_factor: frame.range_factor };
+        let field = GainField::new(self, view, (width, height), bands, light);
         let mut counts = Counts::default();
         let mut clipped_output = 0;
         let mut finish = |row: &mut [f32]| {
@@ -199,9 +202,10 @@ impl Correction<'_> {
         let mut highlights = Highlights::new(codes.mosaic, codes.bands());
         let mut shrinkage = Shrinkage::new(field);
         let mut finished = 0;
+        let level = field.level();
         let mut finish = |highlights: &mut Highlights, row: &mut [f32]| {
             if !is_baseline {
-                highlights.restore(finished, row);
+                highlights.restore(finished, row, level);
                 if let Some(shrinkage) = &mut shrinkage {
                     shrinkage.apply(finished, row);
                 }
@@ -235,9 +239,7 @@ impl Correction<'_> {
             }
         }
         counts.restored = highlights.restored;
-        let mut bits = mask?.bits;
-        field.mark(&mut bits);
-        Some(bits)
+        mask.map(|mask| field.marked(mask.bits))
     }
 
     fn facts(&self, frame: &Frame<'_>, field: &GainField<'_>, counts: &Counts) -> FrameFacts {

@@ -20,11 +20,21 @@ pub fn estimate_rendering(
     white_level: Option<u16>,
     config: &RenderConfig,
 ) -> RenderingFile {
-    let bands = model.bands;
-    let removed: Vec<Bands> = samples
-        .iter()
-        .map(|(_, path)| model.log_radiance(path, Removal::of(config.method)))
-        .collect();
+    let removed = |(color, path): &([f32; 3], LightPath)| {
+        (*color, model.log_radiance(path, Removal::of(config.method)))
+    };
+    let samples: Vec<_> = samples.iter().map(removed).collect();
+    rendering_of(&samples, model.bands, white_level, config)
+}
+
+/// The same from samples of log light without backscatter, and log light of a white seafloor.
+pub fn rendering_of(
+    samples: &[([f32; 3], Bands)],
+    bands: usize,
+    white_level: Option<u16>,
+    config: &RenderConfig,
+) -> RenderingFile {
+    let removed: Vec<Bands> = samples.iter().map(|(_, removed)| *removed).collect();
     let medians: Vec<f64> =
         (0..bands).map(|b| median(&removed.iter().map(|r| -r[b]).collect::<Vec<_>>())).collect();
     let is_near = |r: &Bands| (0..bands).all(|b| -r[b] <= medians[b] + MAX_CORRECTION_RATIO.ln());

@@ -1,8 +1,8 @@
 //! Gain limited by signal to noise: no colour where a band has no signal.
 //!
 //! ```text
-//! w = s² / (s² + (k n)²)                        per band: signal s, noise n, k = render.gain_signal_to_noise
-//! y' = w y + (W − w) L + (1 − W)                W = max w,  L = Σ w y / Σ w
+//! w = s² / (s² + (k n)²)             per band: signal s, noise n; k render.gain_signal_to_noise
+//! y' = w y + (W − w) L + (1 − W)     W = max w,  L = Σ w y / Σ w
 //! ```
 //!
 //! s is the modelled direct light of the pixel times the seafloor's median reflectance. n is the
@@ -13,28 +13,34 @@
 //! and smooth in space, and y = 1 stays 1, so that nothing becomes darker. The standard deviation
 //! of y' is at most 1/k, whatever the gain: of w y alone it is √(w (1 − w)) / k.
 
-use super::gain_field::GainField;
-use super::mask;
-use super::node_grid::{NodeGrid, RowWalker};
-use crate::geometry::LightPath;
 use crate::image::noise::Noise;
 use crate::model::RenderingFile;
+use crate::model::limited::{EMPIRICAL_BACKSCATTER_ERROR, weight};
 
-/// Standard deviation of removed backscatter, as a share of it.
+/// Standard deviation of removed backscatter of the physical model, as a share of it.
 const BACKSCATTER_ERROR: f64 = 0.05;
-/// Weights above this count as 1.
-const FULL_WEIGHT: f64 = 0.995;
 /// A band of less weight than this has hardly any colour of its own.
 const MIN_WEIGHT: f32 = 0.5;
 /// Median level of the corrected seafloor in models that do not have it (share of white).
 const USUAL_LEVEL: f64 = 0.2;
 
+/// What a frame got: noise of its pixel values, light and slant ranges.
+#[derive(Clone, Copy)]
+pub struct FrameLight<'s> {
+    /// of its pixel values
+    pub noise: &'s Noise,
+    /// its light over its neighbours'
+    pub gain: f64,
+    /// factor of its slant ranges, in the empirical model
+    pub range_factor: f64,
+}
+
 /// Signal and noise of a frame.
 #[derive(Clone, Copy)]
 pub struct Signal<'s> {
-    noise: &'s Noise,
-    /// light of the frame over its neighbours'
-    frame_gain: f64,
+    frame: FrameLight<'s>,
+    /// share of backscatter that is uncertain
+    backscatter_error: f64,
     /// k
     least_ratio: f64,
     /// median of light over the model, by band
@@ -48,37 +54,39 @@ impl<'s> Signal<'s> {
         rendering: &RenderingFile,
         bands: usize,
         least_ratio: f64,
-        (noise, frame_gain): (&'s Noise, f64),
+        is_empirical: bool,
+        frame: FrameLight<'s>,
     ) -> Self {
         let reflectance = |b: usize| {
             let usual = || rendering.gain.get(b).map_or(USUAL_LEVEL, |g| USUAL_LEVEL / g);
             rendering.median_reflectance.get(b).copied().unwrap_or_else(usual)
         };
         let reflectance = std::array::from_fn(reflectance);
-        Self { noise, frame_gain, least_ratio, reflectance, bands }
+        let backscatter_error =
+            if is_empirical { EMPIRICAL_BACKSCATTER_ERROR } else { BACKSCATTER_ERROR };
+        Self { frame, backscatter_error, least_ratio, reflectance, bands }
     }
 
     /// w per band at a pixel: of the factor that its light is multiplied by, without exposure, and
     /// of its backscatter.
     pub fn weights(&self, factor: [f32; 3], scattered: [f32; 3]) -> [f32; 3] {
-        let weight = |b: usize| {
+        let of_band = |b: usize| {
             if b >= self.bands {
                 return 0.0;
             }
             let signal = self.reflectance[b] / f64::from(factor[b]);
             let scattered = f64::from(scattered[b]);
             // Backscatter and model are those of a frame whose gain is 1.
-            let light = (signal + scattered) * self.frame_gain;
-            let noise = self.noise.std(light) / self.frame_gain;
-            let noise = self.least_ratio * noise.hypot(BACKSCATTER_ERROR * scattered);
-            let weight = signal * signal / (signal * signal + noise * noise);
-            (weight / FULL_WEIGHT).min(1.0) as f32
+            let FrameLight { noise, gain, .. } = self.frame;
+            let noise = noise.std((signal + scattered) * gain) / gain;
+            let noise = noise.hypot(self.backscatter_error * scattered);
+            weight(signal, noise, self.least_ratio) as f32
         };
-        std::array::from_fn(weight)
+        std::array::from_fn(of_band)
     }
 
     /// M per band: median of the corrected seafloor (share of white).
-    fn levels(&self, rendering: &RenderingFile) -> [f32; 3] {
+    pub fn levels(&self, rendering: &RenderingFile) -> [f32; 3] {
         std::array::from_fn(|b| {
             let gain = rendering.gain.get(b).copied().unwrap_or(1.0);
             (self.reflectance[b] * gain).max(1e-6) as f32
@@ -91,89 +99,6 @@ pub fn is_limited(weights: &[f32]) -> bool {
     weights.iter().any(|w| *w < MIN_WEIGHT)
 }
 
-/// Reduces the colour of rows where bands are short of signal.
-pub struct Shrinkage<'g> {
-    field: &'g GainField<'g>,
-    walker: RowWalker<'g>,
-    /// weights of the current row
-    weights: Vec<f32>,
-    levels: [f32; 3],
-    /// rows of nodes with a weight below 1
-    is_weak: Vec<bool>,
-}
-
-impl<'g> Shrinkage<'g> {
-    /// For rows of all bands; `None` where every band has signal everywhere.
-    pub fn new(field: &'g GainField<'g>) -> Option<Self> {
-        let nodes = field.weights.as_ref()?;
-        let signal = field.signal.as_ref()?;
-        let of_row = |row: &[f32]| row.iter().any(|w| *w < 1.0);
-        let is_weak: Vec<bool> =
-            nodes.values.chunks_exact(nodes.columns * nodes.bands).map(of_row).collect();
-        is_weak.contains(&true).then(|| Self {
-            field,
-            walker: RowWalker::new(nodes, field.width, None),
-            weights: vec![0.0; field.width * nodes.bands],
-            levels: signal.levels(field.correction.rendering),
-            is_weak,
-        })
-    }
-
-    /// Changes row `y` of corrected light; rows come from top to bottom.
-    pub fn apply(&mut self, y: usize, row: &mut [f32]) {
-        let NodeGrid { step, rows, .. } = self.field.gains;
-        let top = (y / step).min(rows - 1);
-        if !self.is_weak[top] && !self.is_weak[(top + 1).min(rows - 1)] {
-            return;
-        }
-        let bands = self.field.bands;
-        self.walker.row(y, &mut self.weights);
-        for x in self.field.uneven_pixels(y) {
-            let weights = self.field.exact_weights(x, y);
-            self.weights[x * bands..][..bands].copy_from_slice(&weights[..bands]);
-        }
-        for (pixel, weights) in row.chunks_exact_mut(bands).zip(self.weights.chunks_exact(bands)) {
-            // Off the seafloor there is nothing to show.
-            if weights.iter().any(|w| *w < 1.0) && weights[0] >= 0.0 {
-                shrink(pixel, weights, &self.levels);
-            }
-        }
-    }
-}
-
-/// y' of one pixel.
-fn shrink(pixel: &mut [f32], weights: &[f32], levels: &[f32; 3]) {
-    let most = weights.iter().copied().fold(0f32, f32::max);
-    let (mut sum, mut total) = (0.0, 0.0);
-    for (b, (v, w)) in pixel.iter().zip(weights).enumerate() {
-        sum += w * v / levels[b];
-        total += w;
-    }
-    let luminance = if total > 0.0 { sum / total } else { 0.0 };
-    for (b, (v, w)) in pixel.iter_mut().zip(weights).enumerate() {
-        *v = w * *v + levels[b] * ((most - w) * luminance + 1.0 - most);
-    }
-}
-
-impl GainField<'_> {
-    /// Weights of one pixel, exact; −1 off the seafloor.
-    fn exact_weights(&self, x: usize, y: usize) -> [f32; 3] {
-        let (u, v) = (x as f64, y as f64);
-        let Some(signal) = &self.signal else { return [1.0; 3] };
-        self.view.light_path(u, v).map_or([-1.0; 3], |path: LightPath| {
-            let (factor, _) = self.factor(&path);
-            signal.weights(factor, self.scattered_at(u, v, &path))
-        })
-    }
-
-    /// Bits of a pixel with these weights.
-    pub(super) fn bits_of(&self, weights: &[f32], is_seen: bool) -> u8 {
-        // A baseline has no gain that could be limited.
-        let limited = is_limited(weights) && !self.correction.config.method.is_baseline();
-        (u8::from(limited) * mask::CAPPED) | (u8::from(!is_seen) * mask::UNSEEN_BEAM)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,6 +106,7 @@ mod tests {
     use crate::image::decode::{CameraResponse, Coding};
     use crate::image::noise::Electrons;
     use crate::image::transfer::Transfer;
+    use crate::model::limited::shrink;
 
     fn noise() -> Noise {
         let coding = Coding {
@@ -205,7 +131,8 @@ mod tests {
     #[test]
     fn noise_of_the_result_is_at_most_one_over_the_setting() {
         let noise = noise();
-        let signal = Signal::new(&rendering(), 3, 5.0, (&noise, 1.0));
+        let frame = FrameLight { noise: &noise, gain: 1.0, range_factor: 1.0 };
+        let signal = Signal::new(&rendering(), 3, 5.0, false, frame);
         let levels = signal.levels(&rendering());
         for exponent in 0..60 {
             let gain = 1.2f32.powi(exponent);

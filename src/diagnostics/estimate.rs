@@ -19,6 +19,11 @@ facts! {
         Info "drop-outs-of-other-logs" GainsOfOtherLogs { frames: usize },
             text("drop-outs of {frames} frames in the model are of other logs and not used"),
             remedy("strobe drop-outs of this log are compensated by a model estimated from it");
+        Info "empirical-correction" Empirical { form: String },
+            text("frames are corrected by an empirical model of this dive's light ({form}): on \
+                  held-out frames it is better than attenuation and beam pattern"),
+            remedy("its numbers are no properties of the water; overlap at several altitudes and \
+                    measured mounts let attenuation be determined");
         Warning "backscatter-not-determined" BackscatterUnknown,
             text("--backscatter on: the log does not determine backscatter; it is not removed"),
             remedy("frames that overlap at different altitudes are needed");
@@ -63,6 +68,9 @@ facts! {
             text("the estimate is uncertain by {std_per_m:.2} per metre"),
             remedy("more overlap or more change of altitude lowers the uncertainty; so does a \
                     model of several logs of the dive: unwater estimate A.mcap B.mcap");
+        Warning "not-identified-empirical" EmpiricalBetter,
+            text("an empirical model of the light predicts held-out frames better"),
+            remedy("check ranges, mounts and calibration (unwater inspect)");
         Warning "not-identified-joint-failed" JointFailed { reason: String },
             text("the joint solve failed ({reason})"),
             remedy("use a model from another segment: --model MODEL.json");

@@ -109,6 +109,7 @@ impl<'s> Dataset<'s> {
             incidence: config.incidence,
             beam_pattern,
             backscatter: self.backscatter.map(|(fit, _)| fit.backscatter),
+            empirical: None,
         }
     }
 
@@ -154,6 +155,7 @@ impl FrameSamples {
             places: Vec::new(),
             samples: Vec::new(),
             grid: Vec::new(),
+            dark: Vec::new(),
             mean_light: [0.1; 3],
             eight_bit: false,
             distance_m: camera_altitude_m,

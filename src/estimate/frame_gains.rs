@@ -51,7 +51,7 @@ pub fn uneven_light(data: &Dataset<'_>, config: &EstimateConfig) -> Vec<f64> {
 /// Divides the samples by the frames' gains, so that all frames have the same light.
 pub fn remove_gains(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[f64]) {
     for (frame, gain) in frames.iter_mut().zip(log_gains).filter(|(_, g)| **g != 0.0) {
-        for (_, sample) in &mut frame.grid {
+        for (_, sample) in frame.grid.iter_mut().chain(&mut frame.dark) {
             sample.log_color.iter_mut().for_each(|v| *v -= *gain as f32);
         }
         frame.mean_light.iter_mut().for_each(|v| *v /= gain.exp());

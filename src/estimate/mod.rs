@@ -21,6 +21,7 @@ mod quality;
 mod samples;
 mod strobe_search;
 mod tracks;
+mod verdict;
 
 use std::collections::BTreeMap;
 
@@ -32,10 +33,12 @@ pub use backscatter::BackscatterFit;
 pub use dataset::Dataset;
 pub use exposure::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
+pub use methods::empirical::EmpiricalFit;
 pub use mount_search::MountFit;
 pub use samples::{FrameSamples, coarsest_m, sample_frame};
 pub use strobe_search::{StrobeFit, StrobePlacement};
 pub use tracks::tracks;
+pub use verdict::Judgement;
 
 use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
 use crate::coordinates::{Body, Optical, Transform};
@@ -45,6 +48,7 @@ use crate::image::Bands;
 use crate::model::{Backscatter, BeamGrid, EstimatorAnswer, ImagingModel, ScatterTable};
 use crate::parallel::{join, par_map};
 use crate::vehicle::Lamps;
+use methods::empirical::Regions;
 use methods::{Candidate, Method, altitude, joint, pairs};
 use mount_search::check_mounts;
 use quality::identifiability::not_identified;
@@ -65,6 +69,27 @@ pub struct Estimate {
     pub not_identified: Option<NotIdentified>,
     /// largest factor by which common-mode errors widen the standard deviations of the solve
     pub inflation: f64,
+}
+
+impl Estimate {
+    /// Compares the model with raw light and simpler corrections. Where an empirical model is
+    /// better, attenuation is not identified.
+    fn judge(
+        &mut self,
+        data: &Dataset<'_>,
+        regions: Option<&Regions>,
+        config: &EstimateConfig,
+    ) -> Judgement {
+        let (model, estimator) = (&self.model, self.estimator);
+        let is_identified = self.not_identified.is_none();
+        let case = verdict::Case { data, regions, model, estimator, is_identified, config };
+        let judgement = case.judge();
+        if judgement.empirical.is_some() {
+            self.estimator = Estimator::Empirical;
+            self.not_identified.get_or_insert(NotIdentified::EmpiricalBetter);
+        }
+        judgement
+    }
 }
 
 /// Mounts as pass one needs them.
@@ -96,6 +121,8 @@ pub struct ModelEstimate {
     pub mounts: Option<MountFit>,
     /// the samples that the model was estimated from: gains and backscatter removed
     pub frames: Vec<FrameSamples>,
+    /// whether the correction helps, and the empirical model where another does not
+    pub judgement: Judgement,
 }
 
 /// Times that strobe and backscatter are estimated in turn: each is more certain with the other
@@ -149,6 +176,7 @@ pub fn estimate_model(
         strobe = placed(&raw);
     }
     let can_tell = raw.data(mounts, mounts.lamps).is_informative(config);
+    let regions = Regions::of(&raw.frames, mounts.body_from_optical);
     let Separation { mut strobe, backscatter, direct, unmodelled } =
         separate_backscatter(&raw, strobe, mounts, config);
     let direct = direct.unwrap_or_else(|| Samples {
@@ -168,7 +196,8 @@ pub fn estimate_model(
         estimate(&Dataset { drift: drift.as_ref(), ..data }, config)
     };
     let (mount_fit, estimate) = join(|| check_mounts(&data, mounts.instrument, config), estimated);
-    let estimate = estimate?;
+    let mut estimate = estimate?;
+    let judgement = estimate.judge(&data, regions.as_ref(), config);
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
         search.std_m = search.std_m.map(|std| std * estimate.inflation);
     }
@@ -185,6 +214,7 @@ pub fn estimate_model(
         log_gains,
         mounts: mount_fit,
         frames,
+        judgement,
     })
 }
 
@@ -289,7 +319,9 @@ fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
         }
     }
     let order: &[Estimator] = match &config.estimator {
-        Estimator::Auto => &[Estimator::Joint, Estimator::Pairs, Estimator::Altitude],
+        Estimator::Auto | Estimator::Empirical => {
+            &[Estimator::Joint, Estimator::Pairs, Estimator::Altitude]
+        }
         one => std::slice::from_ref(one),
     };
     let Some((estimator, candidate)) = order.iter().find_map(|name| found.remove_entry(name))

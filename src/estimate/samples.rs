@@ -63,6 +63,8 @@ pub struct FrameSamples {
     pub samples: Vec<KeypointSample>,
     /// a coarse grid over the frame: index of the cell, and its sample
     pub grid: Vec<(u32, Sample)>,
+    /// blocks of that grid that are near black or partly clipped; NaN for a clipped band
+    pub dark: Vec<(u32, Sample)>,
     /// mean linear light per band over the frame
     pub mean_light: [f64; 3],
     /// whether the picture came as codes of 8 bits
@@ -83,7 +85,8 @@ impl FrameSamples {
 
     /// The same frame with another grid, and without its keypoints.
     pub fn with_grid(&self, grid: Vec<(u32, Sample)>) -> Self {
-        Self { keypoints: Vec::new(), places: Vec::new(), samples: Vec::new(), grid, ..*self }
+        let (keypoints, places, samples, dark) = Default::default();
+        Self { keypoints, places, samples, dark, grid, ..*self }
     }
 }
 
@@ -140,7 +143,7 @@ pub fn sample_frame(
     config: &EstimateConfig,
 ) -> FrameSamples {
     let reduction = matching.reduction(image.light.width, image.light.height);
-    let (grid, mean_light) = grid(image, view, reduction, config);
+    let ((grid, dark), mean_light) = grid(image, view, reduction, config);
     let mut taken = FrameSamples {
         frame,
         stamp,
@@ -151,6 +154,7 @@ pub fn sample_frame(
         places: Vec::new(),
         samples: Vec::new(),
         grid,
+        dark,
         mean_light,
         eight_bit: false,
         distance_m: view.plane.distance_m,
@@ -173,13 +177,8 @@ pub fn sample_frame(
         let sigma_px = |rung: i32| {
             pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt())
         };
-        let on_rung = |rung: i32| {
-            if rung <= last_rung {
-                pooled(image, keypoint.u, keypoint.v, sigma_px(rung), config)
-            } else {
-                [f32::NAN; 3]
-            }
-        };
+        let pool = |rung: i32| pooled(image, keypoint.u, keypoint.v, sigma_px(rung), config);
+        let on_rung = |rung: i32| if rung <= last_rung { pool(rung) } else { [f32::NAN; 3] };
         let ladder = std::array::from_fn(|k| on_rung(first_rung + k as i32));
         taken.samples.push(KeypointSample {
             sample: Sample { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] },
@@ -332,115 +331,60 @@ fn log_color(pool: &Pool, bands: usize, config: &EstimateConfig) -> [f32; 3] {
     })
 }
 
-/// Sights of a grid's blocks, and the mean light of the whole picture, which they and what is left
+/// A band of a partly clipped block is left out if its mean is above this share of the clipping
+/// level.
+const CLIPPED_MEAN: f64 = 0.93;
+/// Least light of a dark block (share of full scale).
+const LEAST_LIGHT: f64 = 1e-6;
+
+/// Samples of a grid's blocks, and of those that are near black or partly clipped.
+type Blocks = (Vec<(u32, Sample)>, Vec<(u32, Sample)>);
+
+/// Samples of a grid's blocks, and the mean light of the whole image, which they and what is left
 /// beside them make up.
 fn grid(
     image: &SensorImage,
     view: &View<'_>,
     reduction: usize,
     config: &EstimateConfig,
-) -> (Vec<(u32, Sample)>, [f64; 3]) {
+) -> (Blocks, [f64; 3]) {
     // As many blocks for a large picture as for a small one: what is kept must not grow with the
     // camera.
     let step = config.grid_step_px * reduction;
     let (width, height, bands) = (image.light.width, image.light.height, image.bands());
     let (columns, rows) = (width / step, height / step);
-    let (mut samples, mut whole) = (Vec::with_capacity(columns * rows), Pool::default());
+    let (mut samples, mut dark) = (Vec::with_capacity(columns * rows), Vec::new());
+    let mut whole = Pool::default();
     for row in 0..height.div_ceil(step) {
         for column in 0..width.div_ceil(step) {
             let span = |c: usize, size: usize| c * step..((c + 1) * step).min(size);
             let block = pool(image, span(column, width), span(row, height), |_| 1.0, |_| 1.0);
             whole.add(&block);
-            let log_color = log_color(&block, bands, config);
-            if column == columns || row == rows || log_color[..bands].iter().any(|v| v.is_nan()) {
+            let mean = block.mean();
+            let is_bright = |v: &f64| *v > CLIPPED_MEAN * config.clipped_above;
+            let mut log_color = log_color(&block, bands, config);
+            let is_dark = log_color[..bands].iter().any(|v| v.is_nan());
+            if column == columns || row == rows || mean[..bands].iter().all(is_bright) {
                 continue;
+            }
+            if is_dark {
+                let log = |v: f64| v.max(LEAST_LIGHT).ln() as f32;
+                log_color = mean.map(|v| if is_bright(&v) { f32::NAN } else { log(v) });
             }
             let centre = |c: usize| (c * step) as f64 + (step as f64 - 1.0) / 2.0;
             if let Some(SeafloorPoint { position: hit, seafloor_to_camera_m, normal }) =
                 view.seafloor_point(centre(column), centre(row))
             {
-                samples.push((
+                let of_kind = if is_dark { &mut dark } else { &mut samples };
+                of_kind.push((
                     (row * columns + column) as u32,
                     Sample { hit, seafloor_to_camera_m, normal, log_color },
                 ));
             }
         }
     }
-    (samples, whole.mean())
+    ((samples, dark), whole.mean())
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::coordinates::Transform;
-    use crate::geometry::SeafloorPlane;
-    use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
-
-    /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the
-    /// picture's rows.
-    fn over<T>(tipped_deg: f64, ask: impl FnOnce(&View<'_>) -> T) -> T {
-        let (sin, cos) = tipped_deg.to_radians().sin_cos();
-        let camera = Camera::from_field_of_view(640, 480, 60.0);
-        let mounted = Transform::identity();
-        let rig = Rig {
-            camera,
-            body_from_optical: mounted,
-            body_from_dvl: Transform::identity(),
-            strobe: StrobeMount { lamps: Lamps::one(Transform::identity()), source: None },
-        };
-        let normal =
-            Direction::from_vector(nalgebra::Vector3::new(0.0, sin, cos)).expect("a normal");
-        let plane = SeafloorPlane {
-            normal,
-            distance_m: 2.0 * cos,
-            support: Support::LeastSquares,
-            returns: 4,
-            residual_m: 0.0,
-            nearest_ping_s: 0.0,
-        };
-        ask(&View { camera: &camera, rig: &rig, plane: &plane, terrain: None })
-    }
-
-    /// Metres to a pixel at a place, times the focal length.
-    fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
-        over(tipped_deg, |view| {
-            let hit = view.seafloor_point(u, v).expect("a place").position;
-            pixel_on_seafloor_m(view, u, v, &hit)
-                .map(|m| m.map(|m| m * view.camera.fx))
-                .expect("its size")
-        })
-    }
-
-    #[test]
-    fn ladders_go_as_far_up_as_the_coarsest_corner() {
-        assert!((over(0.0, coarsest_m) - 2.0).abs() < 1e-2, "a level floor is alike all over");
-        let [near, far] =
-            [metres(0.0, 0.0, 30.0), metres(0.0, 479.0, 30.0)].map(|[a, b]| (a * b).sqrt());
-        assert!(
-            (over(30.0, coarsest_m) - near.max(far)).abs() < 1e-9
-                && near.max(far) > 2.0 * near.min(far),
-            "{near} and {far}"
-        );
-        assert_eq!(
-            over(75.0, coarsest_m),
-            f64::INFINITY,
-            "where the horizon is in sample, nobody knows"
-        );
-        assert_eq!(first_rung(f64::INFINITY, &MatchingConfig::default()), i32::MAX);
-    }
-
-    #[test]
-    fn a_pixel_covers_as_much_floor_as_lies_square_to_the_axis_and_more_on_a_slope() {
-        let near = |is: [f64; 2], ought: [f64; 2]| {
-            assert!(
-                (0..2).all(|i| (is[i] / ought[i] - 1.0).abs() < 5e-3),
-                "{is:?} instead of {ought:?}"
-            );
-        };
-        // Slant range would say 2.4 m in the corner; it is the depth along the axis, 2 m, that a
-        // pixel's size goes by.
-        near(metres(319.5, 239.5, 0.0), [2.0, 2.0]);
-        near(metres(10.0, 10.0, 0.0), [2.0, 2.0]);
-        near(metres(319.5, 239.5, 30.0), [2.0, 2.0 / 30f64.to_radians().cos()]);
-    }
-}
+mod tests;

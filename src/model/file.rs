@@ -4,16 +4,16 @@
 //! meaning.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, ImagingModel, LightSettingFile,
-    SHAPES, SpreadingModel,
+    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, EmpiricalModel, FrameGainFile,
+    ImagingModel, LightSettingFile, SHAPES, SpreadingModel, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
-use crate::recording::FrameId;
 use crate::vehicle::StrobeSource;
 
 /// The value of `format`.
@@ -93,21 +93,6 @@ pub struct BeamPatternFile {
     pub phi_deg: Vec<f64>,
     /// natural log of the gain, peak 0, `null` where never seen
     pub log_gain: Vec<Vec<Option<f64>>>,
-}
-
-/// A frame that got another amount of light than its neighbours.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameGainFile {
-    /// its place in its log; absent in files of earlier versions
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub frame: Option<FrameId>,
-    /// its log, an index of `inputs`
-    #[serde(default)]
-    pub input: usize,
-    /// its time (ns)
-    pub stamp_ns: i64,
-    /// its light over its neighbours'
-    pub gain: f64,
 }
 
 /// Where the strobe was taken to sit; the beam pattern's angles are about its axes.
@@ -253,6 +238,13 @@ pub struct ModelFile {
     /// what the water scatters back; `null` where the log shows none
     #[serde(default)]
     pub backscatter: Option<BackscatterFile>,
+    /// light by regions of the image, where it corrects held-out frames better than attenuation and
+    /// beam pattern
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub empirical: Option<EmpiricalModel>,
+    /// how much better than raw the correction is
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// frames that got another amount of light (strobe drop-outs); all others have gain 1
     #[serde(default)]
     pub frame_gains: Vec<FrameGainFile>,
@@ -364,6 +356,7 @@ impl ModelFile {
             return Err(format!("attenuation_per_m = {alpha} is that of no water"));
         }
         file.imaging_model()?;
+        file.empirical.as_ref().map_or(Ok(()), |e| e.check(bands))?;
         if file.diagnostics.is_empty() {
             let because = file.not_identified_because.iter();
             let because = because.map(|why| format!("attenuation is not identified: {why}"));
@@ -396,6 +389,7 @@ impl ModelFile {
                 attenuation_per_m: bands(&b.attenuation_per_m),
                 shape: b.shape,
             }),
+            empirical: self.empirical.clone().map(Arc::new),
         })
     }
 

@@ -18,17 +18,26 @@
 mod backscatter;
 mod beam_pattern;
 mod drift;
+mod empirical;
 mod file;
+mod frame_gain;
 mod light_setting;
+pub mod limited;
+mod verdict;
 
 pub use backscatter::{Backscatter, Frustum, SHAPES, ScatterIntegral, ScatterTable};
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use drift::{AttenuationOverTime, TimeNode};
+pub use empirical::{EmpiricalForm, EmpiricalModel};
 pub use file::{
-    AttenuationKind, BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, FrameGainFile,
-    ImageAnswer, InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
+    AttenuationKind, BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, ImageAnswer,
+    InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
 };
+pub use frame_gain::FrameGainFile;
 pub use light_setting::{LightLaw, LightSettingFile};
+pub use verdict::{Verdict, VerdictFigures, VerdictMeasure};
+
+use std::sync::Arc;
 
 use crate::config::{Method, Spreading};
 use crate::geometry::{LampPath, LightPath, MIN_COS_INCIDENCE};
@@ -78,6 +87,8 @@ pub struct ImagingModel {
     pub beam_pattern: BeamPattern,
     /// what the water scatters back, where the log shows it
     pub backscatter: Option<Backscatter>,
+    /// light by regions of the image, which full correction uses instead of all of the above
+    pub empirical: Option<Arc<EmpiricalModel>>,
 }
 
 impl ImagingModel {

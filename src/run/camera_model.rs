@@ -49,6 +49,11 @@ impl CameraModel {
         session.survey.frame_gain(&self.file, &self.gains, frame)
     }
 
+    /// Factor of a frame's slant ranges, in the empirical model.
+    pub fn range_factor(&self, frame: &FrameRef) -> f64 {
+        self.gains.range_factor(frame)
+    }
+
     /// How frames of this camera are corrected.
     pub fn correction<'c>(
         &'c self,

@@ -1,5 +1,6 @@
 //! One camera in pass two: what its topics are made of.
 
+use crate::config::Method;
 use crate::correct::FrameFacts;
 use crate::diagnostics::{Diagnostic, Reason};
 use crate::geometry::SeafloorPlane;
@@ -83,6 +84,11 @@ impl CameraOutput<'_> {
         format!("/unwater{}/{name}", self.name)
     }
 
+    /// Whether frames are corrected by the method that the verdict is about.
+    fn is_full(&self) -> bool {
+        self.session.config.render.method == Method::Full
+    }
+
     /// The report before the first frame.
     pub fn new_report(&self) -> Report {
         let Self { session, model_diagnostics, .. } = self;
@@ -92,6 +98,7 @@ impl CameraOutput<'_> {
             camera_topic: session.survey.camera_topic.clone(),
             corrected_topic: self.corrected_topic(),
             dvl_topic: session.survey.dvl_topic.clone(),
+            verdict: self.model.file.verdict.clone().filter(|_| self.is_full()),
             method: method_name(session.config.render.method).into(),
             diagnostics: [&session.survey.diagnostics, *model_diagnostics].concat(),
             ..Report::default()

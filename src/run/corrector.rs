@@ -97,6 +97,7 @@ impl<'c> Corrector<'c> {
             flat_field: self.session.survey.flat_field.as_ref(),
             view: &frame.view(),
             gain: self.model.frame_gain(self.session, &frame.at),
+            range_factor: self.model.range_factor(&frame.at),
             noise: &frame.noise(),
             rectified,
         };

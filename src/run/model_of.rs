@@ -3,17 +3,18 @@
 use super::mount_check::{mount_check, mount_diagnostics};
 use super::pass_one::Collected;
 use super::pooled::{Pooled, frame_gains};
-use crate::config::{Config, Spreading, Switch};
+use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
-use crate::correct::estimate_rendering;
+use crate::correct::{estimate_rendering, rendering_of};
 use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
-    BackscatterFit, Estimate, FollowedSetting, FrameSamples, ModelEstimate, Mounts,
-    StrobePlacement, estimate_model, tracks,
+    BackscatterFit, Dataset, EmpiricalFit, Estimate, FollowedSetting, FrameSamples, ModelEstimate,
+    Mounts, Sample, StrobePlacement, estimate_model, tracks,
 };
 use crate::geometry::LightPath;
 use crate::image::Bands;
+use crate::model::limited::without_backscatter;
 use crate::model::{
     AttenuationKind, BackscatterFile, BeamPatternFile, FORMAT, ImagingModel, InputFile, LampFile,
     LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
@@ -42,7 +43,12 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     let found = estimate_model(frames, tracks, &mounts, &settings, &config.estimate)?;
     let white_level = first.survey.white_level;
     let (frames, lamps) = (&found.frames, found.strobe.lamps);
-    let rendering = exposure(frames, &found.estimate.model, lamps, white_level, config);
+    let empirical = found.judgement.empirical.as_ref();
+    let is_full = config.render.method == Method::Full;
+    let rendering = match empirical.filter(|_| is_full) {
+        Some(fit) => empirical_exposure(frames, fit, rig, (white_level, config)),
+        None => exposure(frames, &found.estimate.model, lamps, white_level, config),
+    };
     let diagnostics = diagnostics(&found, first, options);
     let not_identified = found.estimate.not_identified.clone();
     let setting = |f: &FollowedSetting| {
@@ -54,11 +60,22 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         strobe: Some(strobe_file(&found.strobe, rig)),
         mount_check: found.mounts.as_ref().map(mount_check),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
-        frame_gains: frame_gains(&origins, frames, &found.log_gains),
+        frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
+        empirical: empirical.map(|fit| fit.model.clone()),
+        verdict: found.judgement.verdict.clone(),
         light_settings: found.followed.iter().map(setting).collect(),
         ..file_of(found.estimate, rendering, inputs, config)
     };
     Ok(file.with_diagnostics(diagnostics, not_identified))
+}
+
+/// Log of gain and of range factor per frame.
+fn log_factors(found: &ModelEstimate) -> Vec<(f64, f64)> {
+    let of_frame = |(f, gain): (usize, &f64)| match &found.judgement.empirical {
+        Some(fit) => (gain + fit.log_gains[f], fit.log_ranges[f]),
+        None => (*gain, 0.0),
+    };
+    found.log_gains.iter().enumerate().map(of_frame).collect()
 }
 
 /// What pass one assumed, and what the log contradicts.
@@ -68,6 +85,10 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
     let frames = found.log_gains.iter().filter(|g| **g != 0.0).count();
     if frames > 0 {
         diagnostics.push(EstimateFact::DropOuts { frames }.into());
+    }
+    if let Some(fit) = &found.judgement.empirical {
+        let form = fit.model.form.word().into();
+        diagnostics.push(EstimateFact::Empirical { form }.into());
     }
     if options.config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
         diagnostics.push(EstimateFact::BackscatterUnknown.into());
@@ -105,6 +126,32 @@ pub fn exposure(
         .flat_map(|f| f.grid.iter().filter_map(move |(_, s)| Some((s.log_color, s.path(mount)?))));
     let lit: Vec<([f32; 3], LightPath)> = lit.collect();
     estimate_rendering(&lit, model, white_level, &config.render)
+}
+
+/// The same by the empirical model.
+fn empirical_exposure(
+    frames: &[FrameSamples],
+    fit: &EmpiricalFit,
+    rig: &Rig,
+    (white_level, config): (Option<u16>, &Config),
+) -> RenderingFile {
+    let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
+    let of_frame = |(f, frame): (usize, &FrameSamples)| {
+        let (gain, factor) = (fit.log_gains[f] as f32, fit.log_ranges[f].exp());
+        let of_sample = |(_, sample): &(u32, Sample)| {
+            let (x, y, range_m) = camera.ray(sample);
+            let (log_direct, scattered) = fit.model.light(x, y, range_m * factor);
+            let direct = |b: usize| {
+                let light = (sample.log_color[b] - gain - log_direct[b] as f32).exp();
+                let scattered = (scattered[b] / log_direct[b].exp()) as f32;
+                without_backscatter(light, scattered, 1.0).max(1e-9).ln() + log_direct[b] as f32
+            };
+            (std::array::from_fn(direct), log_direct)
+        };
+        frame.grid.iter().map(of_sample).collect::<Vec<_>>()
+    };
+    let samples: Vec<([f32; 3], Bands)> = frames.iter().enumerate().flat_map(of_frame).collect();
+    rendering_of(&samples, fit.model.log_level.len(), white_level, &config.render)
 }
 
 /// The strobe a model was made with, in this rig; the rig's own where the model says nothing.
@@ -189,6 +236,8 @@ fn file_of(
         strobe: None,
         mount_check: None,
         backscatter: None,
+        empirical: None,
+        verdict: None,
         frame_gains: Vec::new(),
         light_settings: Vec::new(),
         warnings: Vec::new(),

@@ -78,20 +78,22 @@ impl Pooled {
     }
 }
 
-/// Gains of the frames that stand out, for `model.json`. Frames are those that were pooled.
+/// Gains of the frames that stand out, for `model.json`. Frames are those that were pooled;
+/// `log_gains` are the logs of their gains and of the factors of their slant ranges.
 pub fn frame_gains(
     origins: &[(usize, Option<FrameId>)],
     frames: &[FrameSamples],
-    log_gains: &[f64],
+    log_gains: &[(f64, f64)],
 ) -> Vec<FrameGainFile> {
     let frames = origins.iter().zip(frames).zip(log_gains);
-    let uneven = frames.filter(|(_, log_gain)| **log_gain != 0.0);
+    let uneven = frames.filter(|(_, (log_gain, log_range))| *log_gain != 0.0 || *log_range != 0.0);
     uneven
-        .map(|(((input, frame), samples), log_gain)| FrameGainFile {
+        .map(|(((input, frame), samples), (log_gain, log_range))| FrameGainFile {
             frame: *frame,
             input: *input,
             stamp_ns: samples.stamp.0,
             gain: log_gain.exp(),
+            range_factor: log_range.exp(),
         })
         .collect()
 }

@@ -69,7 +69,9 @@ impl PreparedModel {
     ) -> Correction<'c> {
         let Rendering { config, exposure, means } = rendering;
         let table = || scatter_table(&self.model, rig);
-        let scatter = self.model.backscatter.as_ref().filter(|_| removes_water(config.method));
+        let is_empirical = config.method == Method::Full && self.model.empirical.is_some();
+        let removes_backscatter = removes_water(config.method) && !is_empirical;
+        let scatter = self.model.backscatter.as_ref().filter(|_| removes_backscatter);
         Correction {
             model: &self.fine,
             roughness: self.roughness,

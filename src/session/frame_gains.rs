@@ -8,12 +8,15 @@ use crate::model::{FrameGainFile, ModelFile};
 use crate::recording::{FrameId, Recording};
 use crate::units::Stamp;
 
-/// Gains of the frames of one log; 1 for all others.
+/// Light and slant ranges of a frame, over what they would be: gain and range factor.
+type Factors = (f64, f64);
+
+/// Gains and range factors of the frames of one log; 1 for all others.
 #[derive(Debug, Default)]
 pub struct FrameGains {
-    by_id: BTreeMap<FrameId, f64>,
+    by_id: BTreeMap<FrameId, Factors>,
     /// for models and logs without identities
-    by_stamp: BTreeMap<Stamp, f64>,
+    by_stamp: BTreeMap<Stamp, Factors>,
     /// gains of frames of other logs
     pub of_other_logs: usize,
 }
@@ -34,15 +37,15 @@ impl FrameGains {
             return Ok(gains);
         }
         let own = recording.sha256()?;
-        for FrameGainFile { stamp_ns, gain, frame, input } in &file.frame_gains {
+        for FrameGainFile { stamp_ns, gain, range_factor, frame, input } in &file.frame_gains {
             let input = file.inputs.get(*input).map(|input| input.sha256.as_str());
             match frame {
                 Some(id) if input == Some(own) => {
-                    gains.by_id.insert(*id, *gain);
+                    gains.by_id.insert(*id, (*gain, *range_factor));
                 }
                 // Models of earlier versions have stamps alone.
                 frame if frame.is_none() || (input.is_some() && input == source_sha256) => {
-                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert(*gain);
+                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert((*gain, *range_factor));
                 }
                 _ => gains.of_other_logs += 1,
             }
@@ -52,7 +55,16 @@ impl FrameGains {
 
     /// The gain of a frame.
     pub fn of(&self, frame: &FrameRef) -> f64 {
-        let gain = self.by_id.get(&frame.id).or_else(|| self.by_stamp.get(&frame.stamp));
-        gain.copied().unwrap_or(1.0)
+        self.factors(frame).0
+    }
+
+    /// The factor of a frame's slant ranges, in the empirical model.
+    pub fn range_factor(&self, frame: &FrameRef) -> f64 {
+        self.factors(frame).1
+    }
+
+    fn factors(&self, frame: &FrameRef) -> Factors {
+        let factors = self.by_id.get(&frame.id).or_else(|| self.by_stamp.get(&frame.stamp));
+        factors.copied().unwrap_or((1.0, 1.0))
     }
 }

@@ -228,6 +228,7 @@ impl<'s> Problem<'s> {
             incidence: self.setup.config.incidence,
             beam_pattern: beam,
             backscatter: None,
+            empirical: None,
         }
     }
 

@@ -27,6 +27,7 @@ fn truth(grid: BeamGrid, strobe_leg: f64) -> ImagingModel {
         incidence: true,
         beam_pattern: BeamPattern::from_nodes(grid, &nodes),
         backscatter: None,
+        empirical: None,
     }
 }
 

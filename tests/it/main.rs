@@ -17,6 +17,7 @@ mod jpeg;
 mod judge;
 mod limits_of_signal;
 mod messages;
+mod never_worse_than_raw;
 mod products;
 mod program;
 mod recordings;

@@ -46,8 +46,13 @@ fn a_frame_keeps_its_gain_under_another_clock_offset() {
     let (mut model, _) = estimate_logs(&[&sample()], &Options::default(), &Silent).unwrap();
     let session = CameraSession::open(&sample(), &Options::default()).unwrap();
     let frame = session.survey.frames[3];
-    let of_frame =
-        FrameGainFile { frame: Some(frame.id), input: 0, stamp_ns: frame.stamp.0, gain: 0.5 };
+    let of_frame = FrameGainFile {
+        frame: Some(frame.id),
+        input: 0,
+        stamp_ns: frame.stamp.0,
+        gain: 0.5,
+        range_factor: 1.0,
+    };
     let options = offset(&session.survey.camera_topic, 0.02);
     correct(&sample(), &output, Some(model.clone()), &options, &Silent).unwrap();
     let plain = corrected_images(&output);
@@ -74,6 +79,7 @@ fn gains_belong_to_frames_of_their_log() {
         input,
         stamp_ns: f.stamp.0,
         gain,
+        range_factor: 1.0,
     };
     // Two frames of one stamp; a frame of another log with the identity of one of this.
     let (first, second, third) = (frame(1, 5), frame(2, 5), frame(3, 9));

@@ -3,22 +3,21 @@ use crate::config::{RenderConfig, Spreading};
 use crate::coordinates::{Direction, Transform};
 use crate::correct::MeanFrames;
 use crate::correct::gain_rows::GainRows;
+use crate::correct::signal::FrameLight;
 use crate::geometry::{SeafloorPlane, Support};
 use crate::image::decode::{CameraResponse, Coding};
+use crate::image::noise::Noise;
 use crate::image::transfer::Transfer;
 use crate::image::{Container, LinearImage};
 use crate::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
 use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
-/// The interpolated gain against the exact formula, on a tilted seafloor, with part of the
-/// image above the horizon.
-#[test]
-fn the_interpolated_field_agrees_with_the_exact_model() {
+fn model() -> ImagingModel {
     let nodes = BeamGrid::new(41, 70.0);
     let pattern: Vec<Option<f64>> = (0..41 * 41)
         .map(|i| Some(-4.0 * nodes.angle(i / 41).powi(2) - 2.5 * nodes.angle(i % 41).powi(2)))
         .collect();
-    let model = ImagingModel {
+    ImagingModel {
         bands: 3,
         attenuation_per_m: [0.5, 0.15, 0.1],
         spreading: SpreadingModel::of(Spreading::Strobe),
@@ -26,7 +25,47 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         beam_pattern: BeamPattern::from_nodes(nodes, &pattern).refined(8),
         over_time: Default::default(),
         backscatter: None,
+        empirical: None,
+    }
+}
+
+fn noise() -> Noise {
+    let coding = Coding {
+        bits: 16,
+        container: Container::Raw,
+        transfer: Transfer::Linear,
+        bits_used: 0xffff,
     };
+    Noise::of(&coding, CameraResponse::default(), Default::default())
+}
+
+fn geometry(camera: Camera, pitch_deg: f64) -> (SeafloorPlane, Rig) {
+    let (sin, cos) = pitch_deg.to_radians().sin_cos();
+    let plane = SeafloorPlane {
+        normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos)).expect("a normal"),
+        distance_m: 2.0,
+        support: Support::LeastSquares,
+        returns: 4,
+        residual_m: 0.0,
+        nearest_ping_s: 0.0,
+    };
+    let rig = Rig {
+        camera,
+        body_from_optical: Transform::identity(),
+        body_from_dvl: Transform::identity(),
+        strobe: StrobeMount {
+            lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])),
+            source: None,
+        },
+    };
+    (plane, rig)
+}
+
+/// The interpolated gain against the exact formula, on a tilted seafloor, with part of the
+/// image above the horizon.
+#[test]
+fn the_interpolated_field_agrees_with_the_exact_model() {
+    let model = model();
     let config = RenderConfig::default();
     let rendering = RenderingFile {
         method: Default::default(),
@@ -46,41 +85,18 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         roughness: model.beam_pattern.roughness(0.05),
         electrons: Default::default(),
     };
-    let coding = Coding {
-        bits: 16,
-        container: Container::Raw,
-        transfer: Transfer::Linear,
-        bits_used: 0xffff,
-    };
-    let noise = Noise::of(&coding, CameraResponse::default(), Default::default());
+    let noise = noise();
     for (times, pitch_deg) in [(1, 0.0), (1, 25.0), (1, 66.0), (4, 0.0), (4, 25.0f64)] {
         let (width, height) = (643 * times, 451 * times);
         let camera = Camera::from_field_of_view(width, height, 55.0);
-        let (sin, cos) = pitch_deg.to_radians().sin_cos();
-        let plane = SeafloorPlane {
-            normal: Direction::from_vector(nalgebra::Vector3::new(0.1, sin, cos))
-                .expect("a normal"),
-            distance_m: 2.0,
-            support: Support::LeastSquares,
-            returns: 4,
-            residual_m: 0.0,
-            nearest_ping_s: 0.0,
-        };
-        let rig = Rig {
-            camera,
-            body_from_optical: Transform::identity(),
-            body_from_dvl: Transform::identity(),
-            strobe: StrobeMount {
-                lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])),
-                source: None,
-            },
-        };
+        let (plane, rig) = geometry(camera, pitch_deg);
         let view = View { camera: &camera, rig: &rig, plane: &plane, terrain: None };
         let mut image = LinearImage::new(width, height, 3);
         // A frame that got more light than its neighbours comes out as they do.
         let frame_gain = 1.25;
+        let light = FrameLight { noise: &noise, gain: frame_gain, range_factor: 1.0 };
         image.pixels.fill(frame_gain as f32);
-        let field = GainField::new(&correction, &view, (width, height), 3, (&noise, frame_gain));
+        let field = GainField::new(&correction, &view, (width, height), 3, light);
         let mut bits = vec![0; width * height];
         field.mark(&mut bits);
         let mut rows = GainRows::new(&field, None, frame_gain);
@@ -98,10 +114,8 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
                     }
                     Some(_) => {}
                     None => {
-                        assert_eq!(
-                            (image.at(x, y), bits[y * width + x]),
-                            ([0.0; 3].as_slice(), mask::OFF_SURFACE)
-                        );
+                        assert_eq!(image.at(x, y), [0.0; 3]);
+                        assert_eq!(bits[y * width + x], mask::OFF_SURFACE);
                         off += 1;
                     }
                 }

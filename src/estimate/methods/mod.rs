@@ -3,6 +3,7 @@
 //! sweeps.
 
 pub mod altitude;
+pub mod empirical;
 pub mod joint;
 pub mod pairs;
 

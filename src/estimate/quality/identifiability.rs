@@ -91,6 +91,7 @@ mod tests {
             incidence: true,
             beam_pattern: BeamPattern::uniform(BeamGrid::new(9, 60.0)),
             backscatter: None,
+            empirical: None,
         };
         Candidate {
             model,

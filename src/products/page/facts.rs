@@ -234,6 +234,10 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
         );
     }
     let kind = match model.attenuation_kind {
+        _ if model.empirical.is_some() => {
+            "<b>Not determined</b>: frames are corrected by an empirical model of their light, \
+             which has no α; the numbers are those of the best physical estimator."
+        }
         AttenuationKind::Physical => {
             "<b>Physical</b>: the spreading of the strobe's light is modelled apart; α is a \
              property of the water."

@@ -49,6 +49,7 @@ fn model(grid: BeamGrid) -> ImagingModel {
         incidence: true,
         beam_pattern: BeamPattern::from_nodes(grid, &nodes),
         backscatter: None,
+        empirical: None,
     }
 }
 

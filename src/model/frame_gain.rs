@@ -1,0 +1,32 @@
+//! Frames that got another amount of light, in `model.json`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::recording::FrameId;
+
+/// A frame that got another amount of light than its neighbours.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameGainFile {
+    /// its place in its log; absent in files of earlier versions
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameId>,
+    /// its log, an index of `inputs`
+    #[serde(default)]
+    pub input: usize,
+    /// its time (ns)
+    pub stamp_ns: i64,
+    /// its light over its neighbours'
+    pub gain: f64,
+    /// factor of its slant ranges by its light, in the empirical model; 1 where absent
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub range_factor: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde passes a reference
+fn is_one(factor: &f64) -> bool {
+    *factor == 1.0
+}

@@ -1,0 +1,95 @@
+//! A dive without overlap, in water whose backscatter the physical model does not know, with a bare
+//! altimeter and an unknown strobe: attenuation cannot be determined, and images are even all the
+//! same.
+use std::path::Path;
+
+use crate::support::evenness::Evenness;
+use crate::support::judge::{assert_within, images};
+use crate::support::render::conditions::Conditions;
+use crate::support::render::{Dive, DvlType, Sensor, Truth};
+use unwater::config::Estimator;
+use unwater::image::LinearImage;
+use unwater::model::{ModelFile, VerdictMeasure};
+use unwater::report::Report;
+use unwater::run::correct;
+use unwater::session::{Options, Silent};
+
+fn dive() -> Dive {
+    let conditions =
+        Conditions { uniform_backscatter: 0.25, vignetting_exponent: 3.0, ..Conditions::default() };
+    Dive {
+        seed: 191,
+        frames: 40,
+        frames_per_s: 0.07,
+        width: 192,
+        height: 144,
+        focal_px: 200.0,
+        altitude_m: (1.4, 3.4),
+        slope_deg: (0.0, 0.0),
+        tilt_deg: 1.0,
+        sensor: Sensor::Rgb16,
+        dvl: DvlType::Altimeter,
+        with_strobe_mount: false,
+        conditions,
+        ..Dive::default()
+    }
+}
+
+fn corrected(folder: &Path, options: &Options) -> (Report, ModelFile, Vec<LinearImage>) {
+    let mut options = options.clone();
+    options.force = true;
+    options.config.render.depth = 16;
+    let output = folder.join("dive.corrected.mcap");
+    let (report, model) =
+        correct(&folder.join("dive.mcap"), &output, None, &options, &Silent).unwrap();
+    let images = images(&output, &report.corrected_topic);
+    (report, model, images)
+}
+
+fn evenness(dive: &Dive, truth: &Truth, shown: &[LinearImage]) -> Evenness {
+    let blocks = dive.width / 4 * (dive.height / 4);
+    Evenness::of(dive, truth, shown, &vec![vec![false; blocks]; shown.len()])
+}
+
+#[test]
+fn a_dive_without_overlap_comes_out_even() {
+    let folder = tempfile::tempdir().unwrap();
+    let dive = dive();
+    let truth = dive.write(&folder.path().join("dive.mcap"));
+    let raw =
+        evenness(&dive, &truth, &images(&folder.path().join("dive.mcap"), "/camera/image_raw"));
+    let (report, model, shown) = corrected(folder.path(), &Options::default());
+    let is = evenness(&dive, &truth, &shown);
+
+    // The physical model that would be used without the comparison.
+    let mut physical = Options::default();
+    physical.config.estimate.estimator = Estimator::Altitude;
+    let (of_physical, file, shown) = corrected(folder.path(), &physical);
+    let by_physical = evenness(&dive, &truth, &shown);
+    println!("raw {raw:.3?}\nempirical {is:.3?}\nphysical {by_physical:.3?}");
+    assert!(file.empirical.is_none());
+    assert_eq!(of_physical.verdict.unwrap().used, "full", "a chosen estimator stays");
+
+    assert_eq!(model.estimator, Estimator::Empirical);
+    assert!(!model.identified && model.empirical.is_some());
+    let verdict = report.verdict.expect("a verdict");
+    assert_eq!(verdict.measure, VerdictMeasure::Evenness);
+    let [before, after, full] = ["raw", verdict.used.as_str(), "full"]
+        .map(|name| verdict.of(name).unwrap_or_else(|| panic!("no figures of {name}")).score());
+    println!("verdict: {verdict:.3?}");
+    assert!(after < 0.5 * before && after < 0.9 * full, "{before} {full} {after}");
+
+    assert_within("no overlap: flat", is.flat - 1.0, 0.2);
+    assert_within("no overlap: brightness", is.cv, 0.17);
+    assert_within("no overlap: hue", is.hue, 0.08);
+    for (is, than) in [(is.flat, raw.flat), (is.cv, raw.cv), (is.hue, raw.hue)] {
+        assert!(is < than, "worse than raw: {is} {than}");
+    }
+    assert!(is.hue < 0.8 * by_physical.hue, "{is:?} {by_physical:?}");
+
+    // The file says the same when it is read again, and corrects the same.
+    let json = model.to_json().unwrap();
+    let again = ModelFile::from_json(&json).unwrap();
+    assert_eq!(again.empirical, model.empirical);
+    assert_eq!(again.verdict.unwrap().used, verdict.used);
+}
