@@ -153,6 +153,7 @@ impl Scene {
             flat_field: None,
             view: &view,
             gain: 1.0,
+            balance: [1.0; 3],
             range_factor: 1.0,
             noise: &noise,
             rectified: None,

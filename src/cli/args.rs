@@ -6,7 +6,7 @@ use clap::Args;
 
 use crate::config::{
     Compression, Config, EstimateConfig, Estimator, ImageFormat, LightConfig, Method, OutputConfig,
-    OutputEncoding, RenderConfig, Spreading, StrobePosition, Switch, settings,
+    OutputEncoding, RenderConfig, SelfCalibration, Spreading, StrobePosition, Switch, settings,
 };
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;

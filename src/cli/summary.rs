@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::color::Paint;
 use crate::diagnostics::Severity;
-use crate::model::ModelFile;
+use crate::model::{ModelFile, StrobeFile};
 use crate::report::Report;
 
 /// The account of a camera for people. `given`: the model came from a file. `took`: the whole run,
@@ -37,17 +37,10 @@ pub fn summary(
     line("attenuation", &format!("{}{source}", attenuation(model, paint)));
     judged(report, model).iter().for_each(|(name, value)| line(name, value));
     if let Some(strobe) = model.strobe.as_ref().filter(|s| s.source.is_estimated()) {
-        let [x, y, z] = strobe.position_in_optical_m;
-        let std = strobe.position_std_m.map_or_else(String::new, |s| {
-            format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt())
-        });
-        line(
-            "strobe",
-            &format!(
-                "{}, at [{x:.3}, {y:.3}, {z:.3}]{std} m from the camera (right, down, ahead)",
-                strobe.source
-            ),
-        );
+        line("strobe", &position(strobe));
+    }
+    if let Some(camera) = &model.camera {
+        line("camera", &camera.summary());
     }
     if let Some([low, high]) = report.camera_altitude_m {
         let planes: Vec<String> = report.planes.iter().map(|(k, v)| format!("{v} {k}")).collect();
@@ -70,6 +63,18 @@ pub fn summary(
         line("warnings", &paint.warning(&format!("{warnings}, above")));
     }
     text
+}
+
+/// Where the strobe was found.
+fn position(strobe: &StrobeFile) -> String {
+    let [x, y, z] = strobe.position_in_optical_m;
+    let std = strobe.position_std_m.map_or_else(String::new, |s| {
+        format!(" ± {:.3}", s.iter().map(|s| s * s).sum::<f64>().sqrt())
+    });
+    format!(
+        "{}, at [{x:.3}, {y:.3}, {z:.3}]{std} m from the camera (right, down, ahead)",
+        strobe.source
+    )
 }
 
 /// The empirical model, and what the correction does on held-out frames.

@@ -21,6 +21,11 @@ pub enum Estimator {
 }
 
 impl Estimator {
+    /// Whether the joint solve may give the answer.
+    pub fn may_be_joint(self) -> bool {
+        matches!(self, Self::Auto | Self::Joint)
+    }
+
     /// Its name in files and on the command line.
     pub fn word(self) -> &'static str {
         match self {
@@ -61,6 +66,21 @@ pub enum Switch {
     Off,
     /// always
     On,
+}
+
+/// What becomes of faults that the log shows: of the camera's gains, lens and transfer curve, of a
+/// given strobe position, of clock and mounts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum SelfCalibration {
+    /// found, reported and compensated
+    #[default]
+    Auto,
+    /// found and reported
+    Report,
+    /// only what other settings ask for
+    Off,
 }
 
 /// Whether the strobe's position is estimated.

@@ -73,6 +73,11 @@ macro_rules! settings {
                 "0.2 m off doubles the residual and shifts attenuation by 0.02 per metre; the log \
                  determines the position",
                 option("strobe-position", "NAME", "Whether the strobe's position is estimated");
+            self_calibration: SelfCalibration = SelfCalibration::Auto, "auto | report | off",
+                "cameras set their own gain, lenses shade, transfer curves differ from sRGB, \
+                 mounts and clocks are off: the log shows it, and attenuation is wrong without it",
+                option("self-calibration", "WHEN",
+                    "Whether faults of camera, strobe position, clock and mounts are compensated");
             backscatter: Switch = Switch::Auto, "auto | off | on",
                 "backscatter adds light: unmodelled, it lowers the attenuation by a sixth",
                 option("backscatter", "WHEN", "Whether backscatter is modelled");

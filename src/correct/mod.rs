@@ -30,7 +30,7 @@ use crate::image::decode::PixelValues;
 use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
-use crate::image::{LinearImage, max_value};
+use crate::image::{Bands, LinearImage, max_value};
 use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain_field::GainField;
@@ -100,12 +100,26 @@ pub struct Frame<'f> {
     pub view: &'f View<'f>,
     /// light of this frame over its neighbours'
     pub gain: f64,
+    /// each band's own gain over that
+    pub balance: Bands,
     /// factor of its slant ranges, in the empirical model
     pub range_factor: f64,
     /// noise of its pixel values
     pub noise: &'f Noise,
     /// the camera without distortion, where the image is to be rectified
     pub rectified: Option<&'f Camera>,
+}
+
+impl Frame<'_> {
+    /// Divides a row by each band's own gain.
+    fn balance_row(&self, y: usize, row: &mut [f32]) {
+        let per_band = self.balance.map(|own| 1.0 / own as f32);
+        for (x, pixel) in row.chunks_exact_mut(self.codes.stored_bands()).enumerate() {
+            for (b, value) in pixel.iter_mut().enumerate() {
+                *value *= per_band[self.codes.mosaic.map_or(b, |pattern| pattern.band(x, y))];
+            }
+        }
+    }
 }
 
 /// The result of a correction, beside the pixels.
@@ -218,6 +232,9 @@ impl Correction<'_> {
             codes.linear_row(y, &mut row);
             if let Some(flat) = flat_field {
                 flat.divide_row(y, codes.mosaic, &mut row);
+            }
+            if frame.balance != [1.0; 3] && !is_baseline {
+                frame.balance_row(y, &mut row);
             }
             let may_reach = flat_field.is_some() || codes.may_reach(y, self.clipped_above);
             let clipped = if may_reach { reaching(&row, stored, self.clipped_above) } else { 0 };

@@ -55,6 +55,17 @@ facts! {
         Warning "time-offset-of-unknown-topic" OffsetOfUnknownTopic,
             text("named under [time_offset_s] of the rig file, but not a topic of the log"),
             remedy("correct the topic in the rig file");
+        /// As below, and the offset is used.
+        Warning "camera-clock-replaced" CameraReplaced {
+            offset_s: f64,
+            std_s: f64,
+            time_offset_s: f64,
+            residual: [f64; 2],
+        },
+            text("the clock of the camera is off: {offset_s:+.3} ± {std_s:.3} s are added to its \
+                  stamps (residual {:.4} instead of {:.4})", residual[1], residual[0]),
+            remedy("write {time_offset_s:.3} for this topic under [time_offset_s] in a rig file; \
+                    --self-calibration report keeps the stamps");
         /// Images fit the seafloor better at other times; `time_offset_s` is the rig key's value.
         Warning "camera-clock-contradicted" CameraContradicted {
             offset_s: f64,

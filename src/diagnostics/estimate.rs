@@ -12,6 +12,10 @@ facts! {
         Warning "estimation-options-ignored" OptionsIgnored,
             text("estimation options are ignored with --model"),
             remedy("leave them out, or estimate anew without --model");
+        Info "camera-found" CameraFound { summary: String },
+            text("the log shows of its camera: {summary}; it is compensated");
+        Info "camera-reported" CameraReported { summary: String },
+            text("the log shows of its camera: {summary}; it is not compensated");
         Warning "strobe-drop-outs" DropOuts { frames: usize },
             text("{frames} frames are lit differently from their neighbours (strobe drop-outs); \
                   they are compensated"),
@@ -68,6 +72,11 @@ facts! {
             text("the estimate is uncertain by {std_per_m:.2} per metre"),
             remedy("more overlap or more change of altitude lowers the uncertainty; so does a \
                     model of several logs of the dive: unwater estimate A.mcap B.mcap");
+        Warning "not-identified-misfit" Misfit { systematic: f64 },
+            text("the model leaves errors of {:.1} % that are common to regions of the image or to \
+                  frames: something in the light is not modelled", 100.0 * systematic),
+            remedy("look for a second lamp, daylight, or moving shadows; the differences between \
+                    bands suffer less");
         Warning "not-identified-empirical" EmpiricalBetter,
             text("an empirical model of the light predicts held-out frames better"),
             remedy("check ranges, mounts and calibration (unwater inspect)");

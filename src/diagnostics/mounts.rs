@@ -38,6 +38,17 @@ facts! {
                   away, at {position_in_body_m:.3?} in the vehicle (± {std_m:.3} m; residual \
                   {:.4} instead of {:.4})", residual[1], residual[0]),
             remedy("use the estimated position with --strobe-position refine");
+        Warning "strobe-position-replaced" StrobeReplaced {
+            moved_m: f64,
+            position_in_body_m: [f64; 3],
+            std_m: f64,
+            residual: [f64; 2],
+        },
+            text("the strobe is {moved_m:.2} m from the given position, at \
+                  {position_in_body_m:.3?} in the vehicle (± {std_m:.3} m; residual {:.4} instead \
+                  of {:.4}); that position is used", residual[1], residual[0]),
+            remedy("write the position under [strobe.mount] in a rig file; --self-calibration \
+                    report keeps the given one");
         Warning "attitude-mount-contradicted" AttitudeContradicted {
             rotation_deg: [f64; 2],
             std_deg: [f64; 2],
@@ -48,6 +59,15 @@ facts! {
                   seafloors fit better {}",
                  rotated(rotation_deg, std_deg, residual, is_lower_bound)),
             remedy("check [camera.mount] and the mount of the attitude sensor");
+        Warning "dvl-mount-replaced" DvlReplaced {
+            rotation_deg: [f64; 2],
+            std_deg: [f64; 2],
+            residual: [f64; 2],
+        },
+            text("the range instrument is rotated against the given mount; the seafloor planes are \
+                  rotated {}", rotated(rotation_deg, std_deg, residual, &false)),
+            remedy("write the mount under [dvl.mount] in a rig file; --self-calibration report \
+                    keeps the given one");
         Warning "dvl-mount-contradicted" DvlContradicted {
             rotation_deg: [f64; 2],
             std_deg: [f64; 2],

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::backscatter::BackscatterFit;
+use super::camera_fit::CameraFit;
 use super::drift::DriftFit;
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
@@ -32,6 +33,8 @@ pub struct Dataset<'s> {
     pub strobe_is_free: bool,
     /// backscatter that has been removed from the samples, and the tracks before it was
     pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
+    /// what of the camera has been removed from the samples and stays unknown in the solves
+    pub camera: Option<&'s CameraFit>,
     /// nodes of α in time
     pub drift: Option<&'s DriftFit>,
     /// α with backscatter modelled, where it is present and the settings exclude it (1/m)
@@ -53,6 +56,7 @@ impl<'s> Dataset<'s> {
             lamps,
             strobe_is_free: false,
             backscatter: None,
+            camera: None,
             drift: None,
             unmodelled_backscatter: None,
         }
@@ -76,10 +80,14 @@ impl<'s> Dataset<'s> {
     }
 
     /// The joint solve with attenuation and beam pattern as its only unknowns.
-    pub fn setup<'c>(&self, grid: BeamGrid, config: &'c EstimateConfig) -> Setup<'c> {
+    pub fn setup<'c>(&self, grid: BeamGrid, config: &'c EstimateConfig) -> Setup<'c>
+    where
+        's: 'c,
+    {
         let frames = self.frames.len();
         let independence = Independence { frames, moments: self.moments() };
-        Setup::new(independence, self.bands(), grid, config)
+        let camera = self.camera.map(CameraFit::unknowns);
+        Setup { camera, ..Setup::new(independence, self.bands(), grid, config) }
     }
 
     /// A model with the settings' spreading.
@@ -157,7 +165,9 @@ impl FrameSamples {
             grid: Vec::new(),
             dark: Vec::new(),
             mean_light: [0.1; 3],
+            mean_reading: [0.1; 3],
             eight_bit: false,
+            is_srgb: false,
             distance_m: camera_altitude_m,
             is_level_assumed: false,
             planes_around: None,

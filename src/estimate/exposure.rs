@@ -77,7 +77,7 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
         for (index, values) in
             settings.iter().enumerate().filter(|(i, _)| found.iter().all(|f| f.index != *i))
         {
-            for law in [LightLaw::Factor, LightLaw::Decibel] {
+            for law in LightLaw::ALL {
                 let logs: Option<Vec<f64>> =
                     values.iter().map(|v| law.log_light(*v).filter(|l| l.is_finite())).collect();
                 let Some(logs) = logs else { continue };
@@ -102,6 +102,43 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
         changes.iter_mut().for_each(|c| c.log_light -= logs[c.frames.1] - logs[c.frames.0]);
         found.push(setting);
     }
+}
+
+/// A setting must leave at most this share of the spread of gains found otherwise, and all together
+/// at most that.
+const MAX_LEFT: f64 = 0.7;
+const MAX_LEFT_IN_ALL: f64 = 0.25;
+
+/// Settings that explain gains of frames which were found without them. Together they do, or none
+/// counts: a part of the truth would not be better than none.
+pub fn explaining(log_gains: &[f64], settings: &[Vec<f64>]) -> Vec<FollowedSetting> {
+    let spread = |values: &[f64]| {
+        let middle = stats::median(values);
+        stats::robust_std(&values.iter().map(|v| v - middle).collect::<Vec<_>>())
+    };
+    let whole = spread(log_gains);
+    let (mut left, mut found) = (log_gains.to_vec(), Vec::<FollowedSetting>::new());
+    loop {
+        let is_new = |i: usize| found.iter().all(|f| f.index != i);
+        let laws = (0..settings.len())
+            .filter(|i| is_new(*i))
+            .flat_map(|index| LightLaw::ALL.map(|law| (index, law)));
+        let tried = laws.filter_map(|(index, law)| {
+            let log_light = |v: &f64| law.log_light(*v).filter(|l| l.is_finite());
+            let logs: Vec<f64> = settings[index].iter().map(log_light).collect::<Option<_>>()?;
+            let without: Vec<f64> = left.iter().zip(logs).map(|(g, l)| g - l).collect();
+            let setting =
+                FollowedSetting { index, law, reference: stats::median(&settings[index]) };
+            Some((spread(&without), setting, without))
+        });
+        let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, setting, without)) = best.filter(|b| b.0 < MAX_LEFT * spread(&left)) else {
+            break;
+        };
+        found.push(setting);
+        left = without;
+    }
+    if spread(&left) < MAX_LEFT_IN_ALL * whole { found } else { Vec::new() }
 }
 
 /// Rounds of reweighting.

@@ -9,14 +9,15 @@
 //! e_o = log c − log radiance = ρ_t + g_f        tracks t, frames f; ρ eliminated, g held to 0 weakly
 //! ```
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use super::Dataset;
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
+use crate::image::Bands;
 use crate::model::{BeamGrid, ImagingModel, Removal};
 use crate::solver::terms::frame_gain::FrameGain;
-use crate::solver::terms::{Prior, Term, TermList};
+use crate::solver::terms::{PriorEquations, TermList};
 use crate::solver::{Equation, LinearSystem, Observation, Problem, Track, sample_path};
 use crate::stats;
 
@@ -49,16 +50,17 @@ pub fn uneven_light(data: &Dataset<'_>, config: &EstimateConfig) -> Vec<f64> {
 }
 
 /// Divides the samples by the frames' gains, so that all frames have the same light.
-pub fn remove_gains(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[f64]) {
-    for (frame, gain) in frames.iter_mut().zip(log_gains).filter(|(_, g)| **g != 0.0) {
-        for (_, sample) in frame.grid.iter_mut().chain(&mut frame.dark) {
-            sample.log_color.iter_mut().for_each(|v| *v -= *gain as f32);
-        }
-        frame.mean_light.iter_mut().for_each(|v| *v /= gain.exp());
+pub fn remove_gains(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains: &[Bands]) {
+    let divide = |color: &mut [f32; 3], gain: &Bands| {
+        color.iter_mut().zip(gain).for_each(|(v, gain)| *v -= *gain as f32);
+    };
+    for (frame, gain) in frames.iter_mut().zip(log_gains).filter(|(_, g)| **g != [0.0; 3]) {
+        let samples = frame.grid.iter_mut().chain(&mut frame.dark);
+        samples.for_each(|(_, sample)| divide(&mut sample.log_color, gain));
+        frame.mean_light.iter_mut().zip(gain).for_each(|(v, gain)| *v /= gain.exp());
     }
     for o in tracks.iter_mut().flatten() {
-        let gain = log_gains[o.frame as usize] as f32;
-        o.sample.log_color.iter_mut().for_each(|v| *v -= gain);
+        divide(&mut o.sample.log_color, &log_gains[o.frame as usize]);
     }
 }
 
@@ -66,10 +68,10 @@ pub fn remove_gains(frames: &mut [FrameSamples], tracks: &mut [Track], log_gains
 fn frame_gains(data: &Dataset<'_>, model: &ImagingModel) -> Vec<f64> {
     let frames = data.frames.len();
     let (equations, ends) = residual_equations(data, model);
-    let term = FrameGain { frames, hold_weight: HOLD_WEIGHT };
+    let term = FrameGain::common(frames, HOLD_WEIGHT);
     let list = TermList::of(&term);
-    let mut prior = DMatrix::zeros(frames, frames);
-    term.prior(&mut Prior { matrix: &mut prior, first: 0 });
+    let mut prior = PriorEquations::none(frames);
+    prior.add(&term, 0);
     let mut gains = DVector::<f64>::zeros(frames);
     let mut spread = FIRST_SPREAD;
     for _ in 0..GAIN_ROUNDS {
@@ -93,7 +95,7 @@ fn frame_gains(data: &Dataset<'_>, model: &ImagingModel) -> Vec<f64> {
             bands: 1,
             terms: &list,
         };
-        let (normal, right) = system.normal_equations(&prior);
+        let (normal, right) = system.normal_equations(prior.clone());
         let Some(factor) = normal.cholesky() else { return vec![0.0; frames] };
         gains = factor.solve(&right);
         spread = stats::robust_std(&residuals).max(MIN_SPREAD);

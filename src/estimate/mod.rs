@@ -8,6 +8,7 @@
 
 mod angular_bins;
 mod backscatter;
+mod camera_fit;
 mod dataset;
 mod descriptor;
 mod drift;
@@ -19,6 +20,8 @@ mod methods;
 mod mount_search;
 mod quality;
 mod samples;
+mod self_calibration;
+mod sequence;
 mod strobe_search;
 mod tracks;
 mod verdict;
@@ -27,32 +30,34 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
+pub use crate::solver::camera::ReadingCurve;
 pub use crate::solver::terms::geometry::PLANES_AROUND_S;
 pub use crate::solver::{Observation, Sample, Track};
 pub use backscatter::BackscatterFit;
+pub use camera_fit::{CameraFit, CameraTermsFound};
 pub use dataset::Dataset;
 pub use exposure::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use methods::empirical::EmpiricalFit;
 pub use mount_search::MountFit;
 pub use samples::{FrameSamples, coarsest_m, sample_frame};
+pub use self_calibration::CameraKnown;
+pub use sequence::estimate_model;
 pub use strobe_search::{StrobeFit, StrobePlacement};
 pub use tracks::tracks;
 pub use verdict::Judgement;
 
-use crate::config::{EstimateConfig, Estimator, StrobePosition, Switch};
+use crate::config::{EstimateConfig, Estimator};
 use crate::coordinates::{Body, Optical, Transform};
 use crate::diagnostics::NotIdentified;
 use crate::error::{Error, Result};
 use crate::image::Bands;
 use crate::model::{Backscatter, BeamGrid, EstimatorAnswer, ImagingModel, ScatterTable};
-use crate::parallel::{join, par_map};
+use crate::parallel::par_map;
 use crate::vehicle::Lamps;
 use methods::empirical::Regions;
 use methods::{Candidate, Method, altitude, joint, pairs};
-use mount_search::check_mounts;
 use quality::identifiability::not_identified;
-use strobe_search::place_strobe;
 
 /// The chosen estimator's model, and all estimators' answers.
 #[derive(Clone, Debug)]
@@ -92,7 +97,7 @@ impl Estimate {
     }
 }
 
-/// Mounts as pass one needs them.
+/// Mounts as pass one needs them, and what is known of the camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Mounts {
     /// the camera's
@@ -103,6 +108,8 @@ pub struct Mounts {
     pub strobe_is_measured: bool,
     /// position of the range instrument in the body (m)
     pub instrument: Vector3<f64>,
+    /// what is known of the camera
+    pub camera: CameraKnown,
 }
 
 /// The result of pass one.
@@ -115,167 +122,29 @@ pub struct ModelEstimate {
     pub backscatter: Option<BackscatterFit>,
     /// recorded settings that the frames' light follows
     pub followed: Vec<FollowedSetting>,
-    /// per frame: log of its light over its neighbours', 0 but for drop-outs
-    pub log_gains: Vec<f64>,
+    /// per frame and band: log of its light over that of the others, 0 but for drop-outs and what
+    /// the camera did
+    pub log_gains: Vec<Bands>,
+    /// frames whose light stands out from their neighbours'
+    pub drop_outs: usize,
+    /// what was found of the camera and is applied
+    pub camera: Option<CameraFit>,
+    /// what was found and is not, as the settings ask
+    pub reported: Option<CameraFit>,
     /// clock and mount of the range instrument that fit better than those given
     pub mounts: Option<MountFit>,
+    /// whether they explain the log so much better that they are to be used
+    pub replaces_mounts: bool,
     /// the samples that the model was estimated from: gains and backscatter removed
     pub frames: Vec<FrameSamples>,
     /// whether the correction helps, and the empirical model where another does not
     pub judgement: Judgement,
 }
 
-/// Times that strobe and backscatter are estimated in turn: each is more certain with the other
-/// known.
-const TURNS: usize = 3;
-/// A strobe that moves less between turns is final (m).
-const SETTLED_M: f64 = 0.01;
-
-/// Samples and tracks, owned.
-struct Samples {
-    frames: Vec<FrameSamples>,
-    tracks: Vec<Track>,
-}
-
-impl Samples {
-    fn data(&self, mounts: &Mounts, lamps: Lamps) -> Dataset<'_> {
-        Dataset::plain(&self.frames, &self.tracks, mounts.body_from_optical, lamps)
-    }
-
-    fn remove_gains(&mut self, log_gains: &[f64]) {
-        frame_gains::remove_gains(&mut self.frames, &mut self.tracks, log_gains);
-    }
-}
-
-/// Samples → model. `settings` are recorded settings of camera and strobe, each a number per frame.
-///
-/// # Errors
-/// [`Error::NotEstimated`] where the chosen estimator, or all, cannot answer.
-pub fn estimate_model(
-    frames: Vec<FrameSamples>,
-    tracks: Vec<Track>,
-    mounts: &Mounts,
-    settings: &[Vec<f64>],
-    config: &EstimateConfig,
-) -> Result<ModelEstimate> {
-    let mut raw = Samples { frames, tracks };
-    let followed = exposure::followed(&raw.frames, &raw.tracks, settings);
-    for setting in &followed {
-        raw.remove_gains(&setting.log_gains(&settings[setting.index]));
-    }
-    // Seen from the wrong position a frame at the dive's edge seems to have got another light: the
-    // strobe comes first.
-    let placed = |samples: &Samples| {
-        let data = samples.data(mounts, mounts.lamps);
-        place_strobe(&data, mounts.strobe_is_measured, None, config)
-    };
-    let mut strobe = placed(&raw);
-    let log_gains = frame_gains::uneven_light(&raw.data(mounts, strobe.lamps), config);
-    if log_gains.iter().any(|g| *g != 0.0) {
-        raw.remove_gains(&log_gains);
-        strobe = placed(&raw);
-    }
-    let can_tell = raw.data(mounts, mounts.lamps).is_informative(config);
-    let regions = Regions::of(&raw.frames, mounts.body_from_optical);
-    let Separation { mut strobe, backscatter, direct, unmodelled } =
-        separate_backscatter(&raw, strobe, mounts, config);
-    let direct = direct.unwrap_or_else(|| Samples {
-        frames: std::mem::take(&mut raw.frames),
-        tracks: raw.tracks.clone(),
-    });
-    let data = Dataset {
-        strobe_is_free: strobe.source.is_some() || (!mounts.strobe_is_measured && can_tell),
-        backscatter: backscatter.as_ref().map(|b| (b, raw.tracks.as_slice())),
-        unmodelled_backscatter: unmodelled,
-        ..direct.data(mounts, strobe.lamps)
-    };
-    let estimated = || {
-        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-        let seeks_drift = config.drift != Switch::Off && can_tell;
-        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
-        estimate(&Dataset { drift: drift.as_ref(), ..data }, config)
-    };
-    let (mount_fit, estimate) = join(|| check_mounts(&data, mounts.instrument, config), estimated);
-    let mut estimate = estimate?;
-    let judgement = estimate.judge(&data, regions.as_ref(), config);
-    if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
-        search.std_m = search.std_m.map(|std| std * estimate.inflation);
-    }
-    let backscatter = backscatter.map(|mut fit| {
-        fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
-        fit
-    });
-    let frames = direct.frames;
-    Ok(ModelEstimate {
-        estimate,
-        strobe,
-        backscatter,
-        followed,
-        log_gains,
-        mounts: mount_fit,
-        frames,
-        judgement,
-    })
-}
-
-/// Strobe and backscatter, estimated in turn.
-struct Separation {
-    strobe: StrobePlacement,
-    backscatter: Option<BackscatterFit>,
-    /// the samples without backscatter
-    direct: Option<Samples>,
-    /// α with backscatter modelled, where the settings exclude it (1/m)
-    unmodelled: Option<Bands>,
-}
-
-fn separate_backscatter(
-    raw: &Samples,
-    strobe: StrobePlacement,
-    mounts: &Mounts,
-    config: &EstimateConfig,
-) -> Separation {
-    let given = raw.data(mounts, mounts.lamps);
-    let mut found = Separation { strobe, backscatter: None, direct: None, unmodelled: None };
-    if !given.is_informative(config) {
-        return found;
-    }
-    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let is_searched = config.strobe_position != StrobePosition::Fixed
-        && (!mounts.strobe_is_measured || config.strobe_position != StrobePosition::Auto);
-    for _ in 0..TURNS {
-        let placed = Dataset { lamps: found.strobe.lamps, ..given };
-        let Some(fit) = backscatter::find(&placed, &given.setup(grid, config)) else {
-            // What was found with the strobe elsewhere does not hold where it is now.
-            (found.backscatter, found.direct) = (None, None);
-            break;
-        };
-        if config.backscatter == Switch::Off {
-            found.unmodelled = Some(fit.attenuation_per_m);
-            break;
-        }
-        let (frames, tracks) = fit.removed_from(&placed);
-        let direct = Samples { frames, tracks };
-        let before = found.strobe.lamps;
-        let start = is_searched.then_some(before);
-        let data = direct.data(mounts, mounts.lamps);
-        let next = place_strobe(&data, mounts.strobe_is_measured, start, config);
-        // A position that cannot be found again stays what it was.
-        if next.source.is_some() || found.strobe.source.is_none() {
-            found.strobe = next;
-        }
-        let moved = found.strobe.lamps.origin().vector() - before.origin().vector();
-        (found.backscatter, found.direct) = (Some(fit), Some(direct));
-        if moved.norm() < SETTLED_M {
-            break;
-        }
-    }
-    found
-}
-
 /// Frames as a given model needs them: the frames' gains and backscatter removed.
 pub fn samples_for_model(
     mut frames: Vec<FrameSamples>,
-    log_gains: &[f64],
+    log_gains: &[Bands],
     body_from_optical: Transform<Body, Optical>,
     lamps: Lamps,
     scatter: Option<(&Backscatter, &ScatterTable)>,

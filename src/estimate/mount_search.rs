@@ -3,14 +3,14 @@
 //! A late clock pairs every frame with the plane of another moment: where the robot climbs, all its
 //! points are too dark or too bright for their altitude. A rotated mount tilts every plane in the
 //! same way. Both raise the residual of the joint solve: three numbers, found like the strobe's
-//! position. They are reported, never applied: stamps and mounts are the user's word. In: samples
+//! position. In: samples
 //! with the planes shortly before and after each frame.
 
 use nalgebra::Vector3;
 
-use super::Dataset;
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
+use super::{Dataset, Mounts};
 use crate::config::EstimateConfig;
 use crate::model::BeamGrid;
 use crate::solver::terms::geometry::{PlaneTrack, ShiftedPlanes, strobe_position};
@@ -54,6 +54,17 @@ impl MountFit {
         self.residual[1] < (1.0 - LEAST_GAIN) * self.residual[0]
     }
 
+    /// The planes as they are with this clock and mount.
+    pub fn shifted<'p>(&self, planes: &'p [PlaneTrack], mounts: &Mounts) -> ShiftedPlanes<'p> {
+        let [about_x, about_y] = self.turn_about_axes_rad;
+        ShiftedPlanes {
+            planes,
+            body_from_optical: mounts.body_from_optical,
+            instrument: mounts.instrument,
+            by: Vector3::new(self.clock_offset_s, about_x, about_y),
+        }
+    }
+
     /// Whether the camera's clock is contradicted.
     pub fn contradicts_clock(&self) -> bool {
         self.gains()
@@ -67,6 +78,13 @@ impl MountFit {
         };
         self.gains() && (surely(0) || surely(1))
     }
+}
+
+/// The planes of frames, with those shortly before and after.
+pub fn plane_tracks(frames: &[FrameSamples]) -> Vec<PlaneTrack> {
+    let plane =
+        |f: &FrameSamples| PlaneTrack { plane: (f.normal, f.distance_m), around: f.planes_around };
+    frames.iter().map(plane).collect()
 }
 
 /// Searches for a better clock and mount; `None` where the log cannot tell. `instrument` is the
@@ -86,9 +104,7 @@ pub fn check_mounts(
     let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
     let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let setup = Setup { rounds: ROUNDS, ..data.setup(grid, config) };
-    let plane =
-        |f: &FrameSamples| PlaneTrack { plane: (f.normal, f.distance_m), around: f.planes_around };
-    let planes: Vec<PlaneTrack> = data.frames.iter().map(plane).collect();
+    let planes = plane_tracks(data.frames);
     let (planes, body_from_optical) = (planes.as_slice(), data.body_from_optical);
     let at = |by: Vector3<f64>| ShiftedPlanes { planes, body_from_optical, instrument, by };
     let evaluate = |by: Vector3<f64>| {

@@ -67,8 +67,12 @@ pub struct FrameSamples {
     pub dark: Vec<(u32, Sample)>,
     /// mean linear light per band over the frame
     pub mean_light: [f64; 3],
+    /// mean linear light per band as the camera gave it: without a flat field
+    pub mean_reading: [f64; 3],
     /// whether the picture came as codes of 8 bits
     pub eight_bit: bool,
+    /// whether its transfer curve is taken to be sRGB
+    pub is_srgb: bool,
     /// the plane's distance from the body's origin (m)
     pub distance_m: f64,
     /// whether the plane's slopes were taken to be level, for want of beams
@@ -156,7 +160,9 @@ pub fn sample_frame(
         grid,
         dark,
         mean_light,
+        mean_reading: mean_light,
         eight_bit: false,
+        is_srgb: false,
         distance_m: view.plane.distance_m,
         is_level_assumed: view.plane.support == Support::AssumedLevel,
         planes_around: None,

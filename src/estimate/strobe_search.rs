@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 
 use super::Dataset;
 
-use crate::config::{EstimateConfig, StrobePosition};
+use crate::config::{EstimateConfig, SelfCalibration, StrobePosition};
 use crate::diagnostics::MountFact;
 use crate::model::BeamGrid;
 use crate::solver::terms::geometry::strobe_position;
@@ -49,9 +49,20 @@ pub struct StrobePlacement {
     pub warning: Option<MountFact>,
 }
 
+impl StrobePlacement {
+    /// As given, without a search.
+    pub fn kept(lamps: Lamps) -> Self {
+        Self { lamps, source: None, search: None, warning: None }
+    }
+}
+
 /// A place that moved less than this, or less than three standard deviations, does not contradict
 /// the given one (m).
 const CONTRADICTION_M: f64 = 0.06;
+/// A contradiction is this many standard deviations away, and leaves at most this share of the
+/// residual.
+const SURE: f64 = 3.0;
+const MAX_RESIDUAL: f64 = 0.9;
 /// A given place is only checked: shorter steps hardly add up to a contradiction (m).
 const CHECKED_M: f64 = CONTRADICTION_M / 10.0;
 /// A place less sure than this is not found (m).
@@ -109,19 +120,31 @@ pub fn place_strobe(
         StrobePosition::Find if is_sure => take(StrobeSource::Found),
         StrobePosition::Refine if is_sure => take(StrobeSource::Refined),
         StrobePosition::Find | StrobePosition::Refine => kept(unknown(), Some(found)),
-        _ if is_sure
-            && found.moved_m > CONTRADICTION_M.max(3.0 * std)
-            && found.residual[1] < 0.9 * found.residual[0] =>
-        {
-            let contradicted = MountFact::StrobeContradicted {
-                moved_m: found.moved_m,
-                position_in_body_m: found.lamps.origin().vector().into(),
-                std_m: std,
-                residual: found.residual,
-            };
-            kept(Some(contradicted), Some(found))
+        _ if is_sure && is_contradiction(&found, std) => {
+            let is_replaced = config.self_calibration == SelfCalibration::Auto;
+            let warning = Some(contradiction(&found, std, is_replaced));
+            if is_replaced {
+                return StrobePlacement { warning, ..take(StrobeSource::Refined) };
+            }
+            kept(warning, Some(found))
         }
         _ => kept(None, Some(found)),
+    }
+}
+
+/// Whether a search contradicts the place it began at. `std`: of the place that was found (m).
+fn is_contradiction(found: &StrobeFit, std: f64) -> bool {
+    found.moved_m > CONTRADICTION_M.max(SURE * std)
+        && found.residual[1] < MAX_RESIDUAL * found.residual[0]
+}
+
+fn contradiction(found: &StrobeFit, std_m: f64, is_replaced: bool) -> MountFact {
+    let (moved_m, residual) = (found.moved_m, found.residual);
+    let position_in_body_m = found.lamps.origin().vector().into();
+    if is_replaced {
+        MountFact::StrobeReplaced { moved_m, position_in_body_m, std_m, residual }
+    } else {
+        MountFact::StrobeContradicted { moved_m, position_in_body_m, std_m, residual }
     }
 }
 

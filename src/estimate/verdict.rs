@@ -136,7 +136,8 @@ impl Case<'_> {
     fn refitted(&self) -> Option<f64> {
         let (data, config) = (self.data, self.config);
         let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-        let setup = data.setup(grid, config);
+        // Gains that were found are removed; a held-out frame determines none.
+        let setup = data.setup(grid, config).without_gains();
         let kept: Vec<Track> = data
             .tracks
             .iter()

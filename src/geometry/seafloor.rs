@@ -180,7 +180,10 @@ impl SeafloorEstimator {
         }
         let (returns, is_rotated) = self.returns(&near, stamp, rig);
         let axis = mean_axis(&near, rig);
+        // A single beam that sways with the vehicle draws no plane.
+        let has_slopes = near.iter().any(|ping| ping.beams.len() > 1);
         let plane = axis
+            .filter(|_| has_slopes)
             .and_then(|axis| fit_plane(&returns, axis, is_rotated))
             .or_else(|| {
                 let normal = self.level_normal(stamp, rig, axis);

@@ -1,9 +1,9 @@
-//! Flat-field correction (Eq. 7): relative transmission of lens and sensor per pixel, from a
+//! Flat-field correction (Eq. 7): black level and relative transmission of lens and sensor, from a
 //! vignetting formula or from an image of an evenly lit surface. Divided out of every image before
 //! all other steps, and before demosaicing.
 
 use super::demosaic::BayerPattern;
-use super::{LinearImage, SensorImage};
+use super::{Bands, LinearImage, SensorImage};
 
 /// Lower bound of the transmission; darker pixels carry no information.
 const MIN_TRANSMISSION: f32 = 0.02;
@@ -14,6 +14,8 @@ const WHITE_QUANTILE: f64 = 0.99;
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatField {
     transmission: LinearImage,
+    /// black level per band, subtracted before (share of full scale)
+    dark: Bands,
 }
 
 impl FlatField {
@@ -25,7 +27,13 @@ impl FlatField {
                 .enumerate()
                 .for_each(|(x, v)| *v = (at(x as f64, y as f64) as f32).max(MIN_TRANSMISSION));
         }
-        Self { transmission }
+        Self { transmission, dark: [0.0; 3] }
+    }
+
+    /// The same with a black level per band (share of full scale).
+    #[must_use]
+    pub fn with_dark(self, dark: Bands) -> Self {
+        Self { dark, ..self }
     }
 
     /// From an image of an evenly lit surface; each band is normalised to 1.
@@ -42,7 +50,7 @@ impl FlatField {
                 .step_by(image.bands)
                 .for_each(|v| *v = (*v / white.max(1e-9)).max(MIN_TRANSMISSION));
         }
-        Self { transmission: image }
+        Self { transmission: image, dark: [0.0; 3] }
     }
 
     /// Divides an image.
@@ -82,7 +90,7 @@ impl FlatField {
         {
             for (b, value) in pixel.iter_mut().enumerate() {
                 let band = mosaic.map_or(b, |pattern| pattern.band(x, y));
-                *value /= transmission[band.min(bands - 1)];
+                *value = (*value - self.dark[band] as f32) / transmission[band.min(bands - 1)];
             }
         }
     }

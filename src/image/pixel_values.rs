@@ -6,7 +6,10 @@ use super::demosaic::BayerPattern;
 use super::encoding::SampleLayout;
 use super::response::ResponseTable;
 use super::transfer::Transfer;
-use super::{Container, LinearImage, SensorImage};
+use super::{Bands, Container, LinearImage, SensorImage};
+
+/// Blocks of 2 × 2 pixels, so far apart, are enough for a mean (px).
+const MEAN_STEP: usize = 8;
 
 /// How pixel values relate to light.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -132,6 +135,25 @@ impl<'a> PixelValues<'a> {
             self.linear_row(y, row);
         }
         SensorImage { light: LinearImage { width, height, bands, pixels }, mosaic: self.mosaic }
+    }
+
+    /// Mean linear light per band, from a sixteenth of the pixels.
+    pub fn mean_light(&self) -> Bands {
+        let stored = self.stored_bands();
+        let (mut sums, mut counts) = ([0.0; 3], [0usize; 3]);
+        let mut row = vec![0f32; self.width * stored];
+        // Even and odd rows and columns of a mosaic hold different bands.
+        for y in (0..self.height).filter(|y| y % MEAN_STEP < 2) {
+            self.linear_row(y, &mut row);
+            for x in (0..self.width).filter(|x| x % MEAN_STEP < 2) {
+                for b in 0..stored {
+                    let band = self.mosaic.map_or(b, |pattern| pattern.band(x, y));
+                    sums[band] += f64::from(row[x * stored + b]);
+                    counts[band] += 1;
+                }
+            }
+        }
+        std::array::from_fn(|b| sums[b] / counts[b].max(1) as f64)
     }
 
     /// Whether linear light in row `y` may reach `level`. Of 8-bit images the largest pixel value

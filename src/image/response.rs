@@ -1,6 +1,20 @@
 //! Measured camera response (step wedge, exposure series) as a table, linearly interpolated.
 //! Replaces a named transfer curve.
 
+/// How the transfer curve is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TransferKnown {
+    /// given, or linear by the image's encoding
+    #[default]
+    Surely,
+    /// sRGB by the image's encoding, which cameras often only resemble
+    Assumed,
+    /// found in this log as a named curve
+    Named,
+    /// found in this log, free at its knots
+    Fitted,
+}
+
 /// A monotone table from pixel value to linear light, both as shares of full scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResponseTable {

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, EmpiricalModel, FrameGainFile,
-    ImagingModel, LightSettingFile, SHAPES, SpreadingModel, Verdict,
+    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, CameraFile, EmpiricalModel,
+    FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SHAPES, SpreadingModel, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
@@ -235,6 +235,12 @@ pub struct ModelFile {
     /// what the log says against the camera's clock and the range instrument's mount
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount_check: Option<MountCheckFile>,
+    /// what the log shows of its camera; absent where nothing is out of the ordinary
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraFile>,
+    /// clock and mount that are used instead of those given
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub geometry: Option<GeometryFile>,
     /// what the water scatters back; `null` where the log shows none
     #[serde(default)]
     pub backscatter: Option<BackscatterFile>,

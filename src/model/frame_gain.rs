@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::recording::FrameId;
 
-/// A frame that got another amount of light than its neighbours.
+/// A frame that got another amount of light than others.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameGainFile {
     /// its place in its log; absent in files of earlier versions
@@ -15,8 +15,11 @@ pub struct FrameGainFile {
     pub input: usize,
     /// its time (ns)
     pub stamp_ns: i64,
-    /// its light over its neighbours'
+    /// its light over its neighbours', the mean over the bands
     pub gain: f64,
+    /// each band's own gain over that, where the bands differ
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub balance: Option<[f64; 3]>,
     /// factor of its slant ranges by its light, in the empirical model; 1 where absent
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub range_factor: f64,

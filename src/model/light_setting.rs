@@ -1,5 +1,5 @@
 //! How a setting of camera or strobe acts on the light: as a factor (exposure time, linear gain,
-//! power) or in decibels.
+//! power), in decibels or in stops.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,14 +11,20 @@ pub enum LightLaw {
     Factor,
     /// 20 mean ten times the light
     Decibel,
+    /// one means twice the light
+    Stop,
 }
 
 impl LightLaw {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Factor, Self::Decibel, Self::Stop];
+
     /// For people.
     pub fn word(self) -> &'static str {
         match self {
             Self::Factor => "a factor",
             Self::Decibel => "decibels",
+            Self::Stop => "stops",
         }
     }
 
@@ -28,6 +34,7 @@ impl LightLaw {
         match self {
             Self::Factor => (value > 0.0).then(|| value.ln()),
             Self::Decibel => Some(value * std::f64::consts::LN_10 / 20.0),
+            Self::Stop => Some(value * std::f64::consts::LN_2),
         }
     }
 }

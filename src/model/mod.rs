@@ -17,6 +17,7 @@
 
 mod backscatter;
 mod beam_pattern;
+mod camera_file;
 mod drift;
 mod empirical;
 mod file;
@@ -27,6 +28,9 @@ mod verdict;
 
 pub use backscatter::{Backscatter, Frustum, SHAPES, ScatterIntegral, ScatterTable};
 pub use beam_pattern::{BeamGrid, BeamPattern};
+pub use camera_file::{
+    CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, VignettingFile,
+};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use empirical::{EmpiricalForm, EmpiricalModel};
 pub use file::{

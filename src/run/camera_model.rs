@@ -2,8 +2,9 @@
 
 use crate::correct::Correction;
 use crate::error::{Error, Result};
+use crate::image::Bands;
 use crate::model::ModelFile;
-use crate::session::{CameraSession, FrameGains, FrameRef};
+use crate::session::{CameraSession, Frame, FrameGains, FrameRef};
 
 use super::model_of::strobe_of;
 use super::prepared_model::{PreparedModel, Rendering, Sensor};
@@ -32,6 +33,12 @@ impl CameraModel {
         survey.rig.strobe = strobe_of(&file, &survey.rig);
         let chosen = session.config.light.white_level;
         survey.white_level = chosen.or(file.rendering.white_level).or(survey.white_level);
+        if let Some(camera) = &file.camera {
+            survey.take_camera(camera)?;
+        }
+        if let Some(geometry) = &file.geometry {
+            survey.take_geometry(geometry, &session.config.seafloor);
+        }
         Ok(Self {
             prepared: PreparedModel::new(file.imaging_model().map_err(Error::Usage)?),
             gains: FrameGains::new(&file, &session.recording, source_sha256)?,
@@ -44,9 +51,10 @@ impl CameraModel {
         self.gains.of_other_logs
     }
 
-    /// Light of a frame over its neighbours'.
-    pub fn frame_gain(&self, session: &CameraSession, frame: &FrameRef) -> f64 {
-        session.survey.frame_gain(&self.file, &self.gains, frame)
+    /// Light of a frame over that of others, per band.
+    pub fn frame_gain(&self, session: &CameraSession, frame: &Frame<'_>) -> Bands {
+        let mean_light = || frame.pixels.mean_light();
+        session.survey.frame_gain(&self.file, &self.gains, &frame.at, mean_light)
     }
 
     /// Factor of a frame's slant ranges, in the empirical model.

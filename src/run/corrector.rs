@@ -5,7 +5,7 @@ use crate::correct::{self, Corrected, Correction, FrameFacts};
 use crate::diagnostics::Reason;
 use crate::error::{self, Error};
 use crate::image::transfer::{Shoulder, SrgbTable};
-use crate::image::{ImageShape, encode};
+use crate::image::{Bands, ImageShape, encode};
 use crate::session::{CameraSession, Frame};
 use crate::vehicle::Camera;
 
@@ -92,17 +92,28 @@ impl<'c> Corrector<'c> {
         work: impl FnOnce(&Correction<'_>, &correct::Frame<'_>) -> R,
     ) -> R {
         let model = self.correction.model.at(frame.at.stamp);
+        let (gain, balance) = gain_and_balance(self.model.frame_gain(self.session, frame));
         let raw = correct::Frame {
             codes: &frame.pixels,
             flat_field: self.session.survey.flat_field.as_ref(),
             view: &frame.view(),
-            gain: self.model.frame_gain(self.session, &frame.at),
+            gain,
+            balance,
             range_factor: self.model.range_factor(&frame.at),
             noise: &frame.noise(),
             rectified,
         };
         work(&Correction { model: &model, ..self.correction }, &raw)
     }
+}
+
+/// The mean gain of the bands, and each band's own over that.
+fn gain_and_balance(gains: Bands) -> (f64, Bands) {
+    if gains[0] == gains[1] && gains[1] == gains[2] {
+        return (gains[0], [1.0; 3]);
+    }
+    let gain = gains.iter().product::<f64>().cbrt();
+    (gain, gains.map(|of_band| of_band / gain))
 }
 
 /// Corrects a frame to pixel values. The buffer is reused for them.

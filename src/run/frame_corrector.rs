@@ -116,6 +116,7 @@ impl FrameCorrector {
             flat_field: None,
             view: &View { camera: &camera, rig: &self.rig, plane, terrain: None },
             gain: 1.0,
+            balance: [1.0; 3],
             range_factor: 1.0,
             noise: &Noise::of(&pixels.coding, response, sensor.electrons),
             rectified: rectified.as_ref(),

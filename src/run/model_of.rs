@@ -1,6 +1,6 @@
 //! What pass one collected → one model; a model's strobe and exposure.
 
-use super::mount_check::{mount_check, mount_diagnostics};
+use super::mount_check::{mount_check, mount_diagnostics, replaced, replaced_diagnostics};
 use super::pass_one::Collected;
 use super::pooled::{Pooled, frame_gains};
 use crate::config::{Config, Method, Spreading, Switch};
@@ -9,19 +9,29 @@ use crate::correct::{estimate_rendering, rendering_of};
 use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
-    BackscatterFit, Dataset, EmpiricalFit, Estimate, FollowedSetting, FrameSamples, ModelEstimate,
-    Mounts, Sample, StrobePlacement, estimate_model, tracks,
+    BackscatterFit, CameraFit, CameraKnown, CameraTermsFound, Dataset, EmpiricalFit, Estimate,
+    FollowedSetting, FrameSamples, ModelEstimate, Mounts, ReadingCurve, Sample, StrobePlacement,
+    estimate_model, tracks,
 };
 use crate::geometry::LightPath;
 use crate::image::Bands;
+use crate::image::response::{ResponseTable, TransferKnown};
+use crate::image::transfer::Transfer;
 use crate::model::limited::without_backscatter;
 use crate::model::{
-    AttenuationKind, BackscatterFile, BeamPatternFile, FORMAT, ImagingModel, InputFile, LampFile,
-    LightSettingFile, ModelFile, RenderingFile, SpreadingModel, StrobeFile,
+    AttenuationKind, BackscatterFile, BeamPatternFile, CameraFile, FORMAT, GainLawFile, GainsFile,
+    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, ResponseFile,
+    SpreadingModel, StrobeFile, VignettingFile,
 };
 use crate::session::survey::Survey;
 use crate::session::{CameraSession, Options};
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount, StrobeSource};
+
+/// Points of a transfer curve, and the first of them beside 0: darker values are not sampled.
+const RESPONSE_POINTS: usize = 256;
+const RESPONSE_FIRST: usize = 2;
+/// Least rise of light from point to point.
+const MIN_RISE: f64 = 1e-9;
 
 /// Samples of all logs → one model.
 pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Result<ModelFile> {
@@ -39,6 +49,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         lamps: rig.strobe.lamps,
         strobe_is_measured: rig.strobe.source.is_some(),
         instrument: rig.body_from_dvl.origin().vector(),
+        camera: camera_known(first, &frames),
     };
     let found = estimate_model(frames, tracks, &mounts, &settings, &config.estimate)?;
     let white_level = first.survey.white_level;
@@ -59,7 +70,9 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     let file = ModelFile {
         strobe: Some(strobe_file(&found.strobe, rig)),
         mount_check: found.mounts.as_ref().map(mount_check),
+        geometry: found.mounts.as_ref().filter(|_| found.replaces_mounts).map(|m| replaced(m, rig)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
+        camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
         frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
         empirical: empirical.map(|fit| fit.model.clone()),
         verdict: found.judgement.verdict.clone(),
@@ -70,9 +83,9 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
 }
 
 /// Log of gain and of range factor per frame.
-fn log_factors(found: &ModelEstimate) -> Vec<(f64, f64)> {
-    let of_frame = |(f, gain): (usize, &f64)| match &found.judgement.empirical {
-        Some(fit) => (gain + fit.log_gains[f], fit.log_ranges[f]),
+fn log_factors(found: &ModelEstimate) -> Vec<(Bands, f64)> {
+    let of_frame = |(f, gain): (usize, &Bands)| match &found.judgement.empirical {
+        Some(fit) => (gain.map(|g| g + fit.log_gains[f]), fit.log_ranges[f]),
         None => (*gain, 0.0),
     };
     found.log_gains.iter().enumerate().map(of_frame).collect()
@@ -82,7 +95,14 @@ fn log_factors(found: &ModelEstimate) -> Vec<(f64, f64)> {
 fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) -> Vec<Diagnostic> {
     let mut diagnostics: Vec<Diagnostic> = Vec::new();
     diagnostics.extend(found.strobe.warning.clone().map(Diagnostic::from));
-    let frames = found.log_gains.iter().filter(|g| **g != 0.0).count();
+    let assumed = first.survey.response.as_ref();
+    let summary = |camera: &CameraFit| camera_file(camera, assumed).summary();
+    let camera = found.camera.iter().filter(|c| c.found != CameraTermsFound::default());
+    diagnostics.extend(camera.map(|c| EstimateFact::CameraFound { summary: summary(c) }.into()));
+    let reported = found.reported.iter();
+    diagnostics
+        .extend(reported.map(|c| EstimateFact::CameraReported { summary: summary(c) }.into()));
+    let frames = found.drop_outs;
     if frames > 0 {
         diagnostics.push(EstimateFact::DropOuts { frames }.into());
     }
@@ -96,9 +116,78 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
     if let Some(mounts) = &found.mounts {
         let Survey { rig, camera_topic, .. } = &first.survey;
         let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
-        diagnostics.extend(mount_diagnostics(mounts, rig, camera_topic, offset_s));
+        diagnostics.extend(if found.replaces_mounts {
+            replaced_diagnostics(mounts, camera_topic, offset_s)
+        } else {
+            mount_diagnostics(mounts, rig, camera_topic, offset_s)
+        });
     }
     diagnostics
+}
+
+/// What is known of the camera before its images are looked at.
+fn camera_known(session: &CameraSession, frames: &[FrameSamples]) -> CameraKnown {
+    let survey = &session.survey;
+    let transfer = match survey.transfer {
+        TransferKnown::Assumed if frames.iter().any(|f| !f.is_srgb) => TransferKnown::Surely,
+        known => known,
+    };
+    CameraKnown { transfer, flat_field: survey.flat_field.is_some(), black_level: false }
+}
+
+/// What was found of the camera; `assumed` is the transfer curve that the frames were sampled by.
+fn camera_file(found: &CameraFit, assumed: Option<&ResponseTable>) -> CameraFile {
+    let CameraTermsFound { gains, vignetting, black_level, .. } = found.found;
+    let log_gains = || found.log_gains.iter().map(|g| g[..found.bands].iter().sum::<f64>());
+    let (least, most) = log_gains()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), g| (least.min(g), most.max(g)));
+    let range_stops = (most - least) / (found.bands as f64 * std::f64::consts::LN_2);
+    let mut power = 1.0;
+    let coefficients = found.vignetting.map(|v| {
+        power /= found.radius.corner_squared;
+        v * power
+    });
+    let corner_loss = 1.0 - found.vignetting.iter().sum::<f64>().exp();
+    let law = |[exposure, white_balance]: [f64; 2]| GainLawFile {
+        exposure,
+        white_balance,
+        log_level: found.log_level[..found.bands].to_vec(),
+    };
+    CameraFile {
+        vignetting: vignetting.then_some(VignettingFile { coefficients, corner_loss }),
+        black_level: black_level.then(|| found.curve.black_level[..found.bands].to_vec()),
+        response: found.changes_reading().then(|| response_file(&found.curve, assumed)),
+        gain_law: found.law.map(law),
+        gains: gains.then_some(GainsFile { std: found.gain_std, range_stops }),
+        residual: found.residual,
+    }
+}
+
+/// A transfer curve by points, light 1 at full scale: the curve that was found, on top of the one
+/// that was assumed (sRGB where there is no table).
+fn response_file(curve: &ReadingCurve, assumed: Option<&ResponseTable>) -> ResponseFile {
+    let is_named = curve.knots.iter().all(|k| *k == 0.0);
+    let transfer = curve.transfer.filter(|_| is_named);
+    let light = |value: f64| match transfer {
+        Some(transfer) => transfer.to_linear(value),
+        None => {
+            let assumed = assumed
+                .map_or_else(|| Transfer::Srgb.to_linear(value), |table| table.to_linear(value));
+            curve.light(assumed.max(f64::MIN_POSITIVE).ln()).0.exp()
+        }
+    };
+    let white = light(1.0);
+    let mut points = vec![[0.0, 0.0]];
+    for i in RESPONSE_FIRST..=RESPONSE_POINTS {
+        let value = i as f64 / RESPONSE_POINTS as f64;
+        // Increasing, also where the curve goes on below what was sampled.
+        let before = points.last().map_or(0.0, |p| p[1]);
+        points.push([value, (light(value) / white).min(1.0).max(before + MIN_RISE)]);
+    }
+    let last = points.last().map_or(1.0, |p| p[1]);
+    points.iter_mut().for_each(|p| p[1] /= last.max(1.0));
+    let transfer = transfer.map_or_else(|| "fitted".into(), String::from);
+    ResponseFile { transfer, points }
 }
 
 fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
@@ -235,6 +324,8 @@ fn file_of(
         beam_pattern: BeamPatternFile::of(&found.model.beam_pattern),
         strobe: None,
         mount_check: None,
+        camera: None,
+        geometry: None,
         backscatter: None,
         empirical: None,
         verdict: None,

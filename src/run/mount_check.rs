@@ -4,8 +4,46 @@ use nalgebra::UnitQuaternion;
 
 use crate::diagnostics::{ClockFact, Diagnostic, MountFact};
 use crate::estimate::MountFit;
-use crate::model::MountCheckFile;
+use crate::model::{GeometryFile, MountCheckFile};
 use crate::vehicle::Rig;
+
+/// Clock and mount that are used instead of those given.
+pub fn replaced(found: &MountFit, rig: &Rig) -> GeometryFile {
+    let is_mounts = found.contradicts_mount() && !found.turn_is_attitudes;
+    GeometryFile {
+        clock_offset_s: if found.contradicts_clock() { found.clock_offset_s } else { 0.0 },
+        dvl_rotation_xyzw: is_mounts.then(|| rotated_mount(found, rig).coords.into()),
+    }
+}
+
+fn rotated_mount(found: &MountFit, rig: &Rig) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(found.turn_rad) * rig.body_from_dvl.isometry().rotation
+}
+
+/// That they are used. `offset_s` is added to the stamps of the camera already (s).
+pub fn replaced_diagnostics(
+    found: &MountFit,
+    camera_topic: &str,
+    offset_s: f64,
+) -> Vec<Diagnostic> {
+    let residual = found.residual;
+    let clock = found.contradicts_clock().then(|| {
+        let replaced = ClockFact::CameraReplaced {
+            offset_s: found.clock_offset_s,
+            std_s: found.clock_offset_std_s,
+            time_offset_s: offset_s + found.clock_offset_s,
+            residual,
+        };
+        Diagnostic::on(camera_topic, replaced)
+    });
+    let is_mounts = found.contradicts_mount() && !found.turn_is_attitudes;
+    let mount = is_mounts.then(|| {
+        let rotation_deg = found.turn_about_axes_rad.map(f64::to_degrees);
+        let std_deg = found.turn_std_rad.map(f64::to_degrees);
+        MountFact::DvlReplaced { rotation_deg, std_deg, residual }.into()
+    });
+    clock.into_iter().chain(mount).collect()
+}
 
 /// What the log contradicts. `offset_s` is added to the stamps of the camera already (s).
 pub fn mount_diagnostics(
@@ -33,8 +71,7 @@ pub fn mount_diagnostics(
                 .into(),
         );
     } else if found.contradicts_mount() {
-        let mount = rig.body_from_dvl.isometry();
-        let rotation = UnitQuaternion::from_scaled_axis(found.turn_rad) * mount.rotation;
+        let (mount, rotation) = (rig.body_from_dvl.isometry(), rotated_mount(found, rig));
         let contradicted = MountFact::DvlContradicted {
             rotation_deg,
             std_deg,

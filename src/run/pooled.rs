@@ -3,6 +3,7 @@
 use super::pass_one::Collected;
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, MatchedPair};
+use crate::image::Bands;
 use crate::model::{FrameGainFile, InputFile};
 use crate::session::{CameraSession, FrameId};
 use crate::vehicle::SettingSeries;
@@ -78,22 +79,29 @@ impl Pooled {
     }
 }
 
-/// Gains of the frames that stand out, for `model.json`. Frames are those that were pooled;
+/// Gains of the frames, for `model.json`, where they are not 1. Frames are those that were pooled;
 /// `log_gains` are the logs of their gains and of the factors of their slant ranges.
 pub fn frame_gains(
     origins: &[(usize, Option<FrameId>)],
     frames: &[FrameSamples],
-    log_gains: &[(f64, f64)],
+    log_gains: &[(Bands, f64)],
 ) -> Vec<FrameGainFile> {
     let frames = origins.iter().zip(frames).zip(log_gains);
-    let uneven = frames.filter(|(_, (log_gain, log_range))| *log_gain != 0.0 || *log_range != 0.0);
+    let uneven =
+        frames.filter(|(_, (log_gain, log_range))| *log_gain != [0.0; 3] || *log_range != 0.0);
     uneven
-        .map(|(((input, frame), samples), (log_gain, log_range))| FrameGainFile {
-            frame: *frame,
-            input: *input,
-            stamp_ns: samples.stamp.0,
-            gain: log_gain.exp(),
-            range_factor: log_range.exp(),
+        .map(|(((input, frame), samples), (log_gain, log_range))| {
+            let bands = &log_gain[..samples.bands];
+            let mean = bands.iter().sum::<f64>() / bands.len() as f64;
+            let is_even = bands.iter().all(|gain| *gain == bands[0]);
+            FrameGainFile {
+                frame: *frame,
+                input: *input,
+                stamp_ns: samples.stamp.0,
+                gain: if is_even { bands[0].exp() } else { mean.exp() },
+                balance: (!is_even).then(|| log_gain.map(|gain| (gain - mean).exp())),
+                range_factor: log_range.exp(),
+            }
         })
         .collect()
 }

@@ -4,7 +4,8 @@ use crate::config::Estimator;
 use crate::correct::MeanFrames;
 use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
-use crate::estimate::samples_for_model;
+use crate::estimate::{FrameSamples, samples_for_model};
+use crate::image::Bands;
 use crate::messages::writer::WireFormat;
 use crate::model::ModelFile;
 use crate::parallel::Threads;
@@ -111,11 +112,11 @@ fn expose(
     let rig = Rig { strobe, ..survey.rig.clone() };
     let table = removes_water(config.render.method).then(|| scatter_table(&model, &rig)).flatten();
     let gains = FrameGains::new(&file, &session.recording, None)?;
-    let log_gain = |number: usize| {
-        let frame = survey.frames.get(number);
-        frame.map_or(0.0, |frame| survey.frame_gain(&file, &gains, frame).ln())
+    let log_gain = |f: &FrameSamples| {
+        let gain = |frame| survey.frame_gain(&file, &gains, frame, || f.mean_reading);
+        survey.frames.get(f.frame).map_or([0.0; 3], |frame| gain(frame).map(f64::ln))
     };
-    let log_gains: Vec<f64> = collected.frames.iter().map(|f| log_gain(f.frame)).collect();
+    let log_gains: Vec<Bands> = collected.frames.iter().map(log_gain).collect();
     let scatter = model.backscatter.as_ref().zip(table.as_ref());
     let frames =
         samples_for_model(collected.frames, &log_gains, rig.body_from_optical, lamps, scatter);

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use super::index::FrameRef;
 use crate::error::Result;
+use crate::image::Bands;
 use crate::model::{FrameGainFile, ModelFile};
 use crate::recording::{FrameId, Recording};
 use crate::units::Stamp;
 
-/// Light and slant ranges of a frame, over what they would be: gain and range factor.
-type Factors = (f64, f64);
+/// Light and slant ranges of a frame, over what they would be: gain per band and range factor.
+type Factors = (Bands, f64);
 
 /// Gains and range factors of the frames of one log; 1 for all others.
 #[derive(Debug, Default)]
@@ -37,15 +38,18 @@ impl FrameGains {
             return Ok(gains);
         }
         let own = recording.sha256()?;
-        for FrameGainFile { stamp_ns, gain, range_factor, frame, input } in &file.frame_gains {
+        for FrameGainFile { stamp_ns, gain, balance, range_factor, frame, input } in
+            &file.frame_gains
+        {
+            let gain = balance.map_or([*gain; 3], |of_band| of_band.map(|own| own * gain));
             let input = file.inputs.get(*input).map(|input| input.sha256.as_str());
             match frame {
                 Some(id) if input == Some(own) => {
-                    gains.by_id.insert(*id, (*gain, *range_factor));
+                    gains.by_id.insert(*id, (gain, *range_factor));
                 }
                 // Models of earlier versions have stamps alone.
                 frame if frame.is_none() || (input.is_some() && input == source_sha256) => {
-                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert((*gain, *range_factor));
+                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert((gain, *range_factor));
                 }
                 _ => gains.of_other_logs += 1,
             }
@@ -53,18 +57,17 @@ impl FrameGains {
         Ok(gains)
     }
 
-    /// The gain of a frame.
-    pub fn of(&self, frame: &FrameRef) -> f64 {
-        self.factors(frame).0
+    /// The gains of a frame per band, where the model has them.
+    pub fn of(&self, frame: &FrameRef) -> Option<Bands> {
+        self.factors(frame).map(|factors| factors.0)
     }
 
     /// The factor of a frame's slant ranges, in the empirical model.
     pub fn range_factor(&self, frame: &FrameRef) -> f64 {
-        self.factors(frame).1
+        self.factors(frame).map_or(1.0, |factors| factors.1)
     }
 
-    fn factors(&self, frame: &FrameRef) -> Factors {
-        let factors = self.by_id.get(&frame.id).or_else(|| self.by_stamp.get(&frame.stamp));
-        factors.copied().unwrap_or((1.0, 1.0))
+    fn factors(&self, frame: &FrameRef) -> Option<Factors> {
+        self.by_id.get(&frame.id).or_else(|| self.by_stamp.get(&frame.stamp)).copied()
     }
 }

@@ -1,12 +1,22 @@
 //! A solution with standard deviations.
 
+use std::collections::BTreeMap;
+
 use nalgebra::DMatrix;
 
 use super::covariance::covariance;
+use super::equation::Equation;
 use super::terms::geometry::Geometry;
 use super::{Problem, Solution};
 use crate::image::Bands;
 use crate::model::Backscatter;
+use crate::stats;
+
+/// Nodes of the beam pattern's grid along a region of the image, observations that tell its error,
+/// and regions that tell how large such errors are.
+const NODES_PER_REGION: usize = 4;
+const MIN_IN_REGION: usize = 8;
+const MIN_REGIONS: usize = 20;
 
 /// The answer of the joint solve.
 #[derive(Clone, Debug)]
@@ -31,6 +41,8 @@ pub struct JointAnswer {
     pub observations: usize,
     /// robust spread of the residuals (log light)
     pub residual: f64,
+    /// errors common to a region of the image in a frame, beyond what noise explains (log light)
+    pub systematic: f64,
     /// root mean square difference of path length within a track (m)
     pub path_spread_m: f64,
 }
@@ -82,6 +94,7 @@ impl Problem<'_> {
             tracks: self.ends.len(),
             observations: self.equations.len(),
             residual: solution.residual,
+            systematic: self.systematic(solution),
             path_spread_m: self.path_spread_m(),
         };
         for b in 0..self.setup.bands {
@@ -100,6 +113,35 @@ impl Problem<'_> {
             answer.difference_std_per_m[b] = estimated.combination(&difference).1;
         }
         Some(answer)
+    }
+
+    /// Robust spread of the mean residuals of regions of frames, less what noise gives them.
+    fn systematic(&self, solution: &Solution) -> f64 {
+        let list = self.terms.list();
+        let residuals = self.system(&list).residuals(solution.values.as_slice());
+        let count = self.setup.grid.count;
+        let region = |e: &Equation| {
+            let node = e.path.nodes[0].0;
+            (e.frame, node / count / NODES_PER_REGION, node % count / NODES_PER_REGION)
+        };
+        let mut regions: BTreeMap<_, Vec<f64>> = BTreeMap::new();
+        for (equation, residual) in self.equations.iter().zip(&residuals) {
+            let mean = residual[..self.setup.bands].iter().sum::<f64>() / self.setup.bands as f64;
+            regions.entry(region(equation)).or_default().push(mean);
+        }
+        let of_region = |values: &Vec<f64>| {
+            let middle = stats::median(values);
+            let around: Vec<f64> = values.iter().map(|v| v - middle).collect();
+            // The median of n values is this much less certain than their mean.
+            (middle, 1.25 * stats::robust_std(&around) / (values.len() as f64).sqrt())
+        };
+        let full = regions.values().filter(|values| values.len() >= MIN_IN_REGION);
+        let (middles, noises): (Vec<f64>, Vec<f64>) = full.map(of_region).unzip();
+        if middles.len() < MIN_REGIONS {
+            return 0.0;
+        }
+        let by_noise = stats::median(&noises);
+        (stats::robust_std(&middles).powi(2) - by_noise.powi(2)).max(0.0).sqrt()
     }
 
     fn path_spread_m(&self) -> f64 {

@@ -8,6 +8,7 @@ use super::{Observation, Setup};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{Backscatter, ScatterIntegral, SpreadingModel, log_geometry, log_sum};
+use crate::solver::camera::ReadingCurve;
 use crate::vehicle::MAX_LAMPS;
 
 /// Where less than this share of a band's light is direct, it is no measurement any more.
@@ -25,6 +26,8 @@ pub struct Equation {
     pub path: PathTerms,
     /// how direct light becomes the observed light
     pub reading: Reading,
+    /// ϱ²: squared image radius, where the camera is solved for
+    pub radius_squared: f64,
     /// log of the direct light less geometry, by the previous solution
     pub y: Bands,
 }
@@ -58,13 +61,18 @@ pub struct LampTerms {
     pub length_m: f64,
 }
 
-/// c = D + B: direct light and backscatter.
+/// How direct light D becomes the observed light c: with backscatter and black level, through the
+/// camera's curve.
 pub struct Reading {
     /// log c
     pub log_color: [f32; 3],
     /// S_Λ
     pub scatter: ScatterIntegral,
-    /// D / (D + B): the derivative of log c by log D
+    /// log c by the previous solution
+    pub predicted: Bands,
+    /// the light at the sensor over D
+    pub light_per_direct: Bands,
+    /// the derivative of log c by log D: D / (D + B) for a correct curve
     pub direct_share: Bands,
     /// 1 / D, D by the previous solution. The observed light would carry its own error into the
     /// derivative, and the two together would bias b.
@@ -88,16 +96,23 @@ impl Equation {
             .map_or((ScatterIntegral::default(), Backscatter::NONE), |(backscatter, scatter)| {
                 (scatter(observation), *backscatter)
             });
-        let (mut y, mut direct_share, mut per_direct) = ([0.0; 3], [1.0; 3], [0.0; 3]);
+        let (mut y, mut reading) = ([0.0; 3], Reading::of(log_color));
         let scattered = backscatter.light(&scatter);
+        reading.scatter = scatter;
         for b in 0..setup.bands {
-            let all = f64::from(log_color[b]).exp();
-            let direct = (all - scattered[b]).max(MIN_DIRECT_SHARE * all);
+            let observed = f64::from(log_color[b]);
+            let (log_light, slope, black_level) = setup.camera.map_or((observed, 1.0, 0.0), |c| {
+                let (log_light, slope) = c.start.light(observed);
+                (log_light, slope, c.start.black_level[b])
+            });
+            let all = log_light.exp();
+            let direct = (all - scattered[b] - black_level).max(MIN_DIRECT_SHARE * all);
             y[b] = direct.ln() - path.geometry[b];
-            (direct_share[b], per_direct[b]) = (direct / all, 1.0 / direct);
+            reading.set(b, observed, slope, [direct, all]);
         }
-        let reading = Reading { log_color, scatter, direct_share, per_direct };
-        Some(Self { frame: observation.frame, source, index: 0, path, reading, y })
+        let radius_squared = setup.camera.map_or(0.0, |c| c.radius.squared(&observation.sample));
+        let frame = observation.frame;
+        Some(Self { frame, source, index: 0, path, reading, radius_squared, y })
     }
 
     /// An equation whose only content is a residual: for solves that hold the model fixed.
@@ -111,13 +126,8 @@ impl Equation {
             seafloor_to_camera_m: 0.0,
             legs: Vec::new(),
         };
-        let reading = Reading {
-            log_color: [0.0; 3],
-            scatter: ScatterIntegral::default(),
-            direct_share: [1.0; 3],
-            per_direct: [0.0; 3],
-        };
-        Self { frame, source: 0, index: 0, path, reading, y: [residual, 0.0, 0.0] }
+        let (reading, y) = (Reading::of([0.0; 3]), [residual, 0.0, 0.0]);
+        Self { frame, source: 0, index: 0, path, reading, radius_squared: 0.0, y }
     }
 
     /// Linearises the sum over several lamps about a solution (see `PathTerms::linearize`).
@@ -131,19 +141,43 @@ impl Equation {
     pub fn linearize_reading(
         &mut self,
         log_direct: &Bands,
-        backscatter: &Backscatter,
+        (backscatter, curve): (&Backscatter, &ReadingCurve),
         bands: usize,
     ) {
         let scattered = backscatter.light(&self.reading.scatter);
         for b in 0..bands {
             let geometry = self.path.geometry[b];
-            let direct = (log_direct[b] + geometry).exp().max(MIN_DIRECT_SHARE * scattered[b]);
-            let all = direct + scattered[b];
-            self.reading.direct_share[b] = direct / all;
-            self.reading.per_direct[b] = 1.0 / direct;
-            let misfit = f64::from(self.reading.log_color[b]) - all.ln();
+            let added = scattered[b] + curve.black_level[b];
+            let direct = (log_direct[b] + geometry).exp().max(MIN_DIRECT_SHARE * added.abs());
+            // A negative black level never takes all of the light.
+            let all = (direct + added).max(MIN_DIRECT_SHARE * direct);
+            let (predicted, slope) = curve.reading(all.ln());
+            self.reading.set(b, predicted, slope, [direct, all]);
+            let misfit = f64::from(self.reading.log_color[b]) - predicted;
             self.y[b] = direct.ln() - geometry + misfit / self.reading.direct_share[b];
         }
+    }
+}
+
+impl Reading {
+    /// The same light before and after the camera.
+    fn of(log_color: [f32; 3]) -> Self {
+        Self {
+            log_color,
+            scatter: ScatterIntegral::default(),
+            predicted: log_color.map(f64::from),
+            light_per_direct: [1.0; 3],
+            direct_share: [1.0; 3],
+            per_direct: [0.0; 3],
+        }
+    }
+
+    /// The state of one band: reading, slope of the curve there, direct light and all light.
+    fn set(&mut self, band: usize, predicted: f64, slope: f64, [direct, all]: [f64; 2]) {
+        self.predicted[band] = predicted;
+        self.light_per_direct[band] = all / direct;
+        self.direct_share[band] = direct / all * slope;
+        self.per_direct[band] = 1.0 / direct;
     }
 }
 

@@ -7,8 +7,9 @@
 //! ```
 //!
 //! Each group of unknowns is a term ([`terms`]): α per band (at nodes in time where it changes), B
-//! on bilinear nodes shared by the bands, optionally the spreading exponent p and backscatter, and
-//! to first order the geometry (strobe position, clock, mount). The log reflectance ρ per track and
+//! on bilinear nodes shared by the bands, optionally the spreading exponent p and backscatter, what
+//! the camera did to the light ([`camera`]), and to first order the geometry (strobe position,
+//! clock, mount). The log reflectance ρ per track and
 //! band is eliminated in closed form (`normal`). Weights are robust (`reweight`), standard
 //! deviations come from a jackknife over segments of the log (`covariance`); a few numbers of the
 //! geometry are found by Gauss-Newton steps of whole solves (`gauss_newton`).
@@ -16,6 +17,7 @@
 //! After Bryson et al. (JFR 2016) and SUCRe (3DV 2024) in idea, own in form.
 
 mod answer;
+pub mod camera;
 mod covariance;
 mod equation;
 mod gauss_newton;
@@ -40,6 +42,8 @@ pub use row::Row;
 use crate::config::EstimateConfig;
 use crate::model::{Backscatter, BeamGrid, ScatterIntegral, SpreadingModel};
 use crate::vehicle::Lamps;
+use camera::CameraUnknowns;
+pub use terms::CameraSolution;
 use terms::attenuation::TimeGrid;
 use terms::geometry::strobe_position;
 
@@ -63,6 +67,8 @@ pub struct Setup<'s> {
     pub free_strobe: bool,
     /// backscatter to begin with and S_Λ of an observation, where backscatter is an unknown
     pub scatter: Option<(&'s Backscatter, &'s ScatterOf<'s>)>,
+    /// what of the camera is unknown
+    pub camera: Option<CameraUnknowns<'s>>,
     /// nodes of α in time, where it changes
     pub segments: Option<&'s TimeGrid>,
     /// reweightings
@@ -87,10 +93,20 @@ impl<'s> Setup<'s> {
             fit_exponent: false,
             free_strobe: false,
             scatter: None,
+            camera: None,
             segments: None,
             rounds: config.rounds,
             config,
         }
+    }
+}
+
+impl Setup<'_> {
+    /// The same without gains of frames as unknowns.
+    #[must_use]
+    pub fn without_gains(self) -> Self {
+        let camera = self.camera.map(|camera| CameraUnknowns { gains: None, ..camera });
+        Self { camera, ..self }
     }
 }
 

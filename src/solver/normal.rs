@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::equation::Equation;
 use super::row::Row;
-use super::terms::TermList;
 use super::terms::backscatter::HOLDING;
+use super::terms::{PriorEquations, TermList};
 use crate::image::Bands;
 use crate::parallel::par_map;
 
@@ -54,10 +54,11 @@ impl<'p> LinearSystem<'p> {
     }
 
     /// Normal matrix and right-hand side of all tracks, added to `prior`.
-    pub fn normal_equations(&self, prior: &DMatrix<f64>) -> (DMatrix<f64>, DVector<f64>) {
-        let mut sums = Normal::new(prior.clone());
+    pub fn normal_equations(&self, prior: PriorEquations) -> (DMatrix<f64>, DVector<f64>) {
+        let unknowns = prior.right.len();
+        let mut sums = Normal::new(prior);
         let of_part = |tracks: &[Range<usize>]| {
-            let mut part = Normal::new(DMatrix::zeros(prior.nrows(), prior.ncols()));
+            let mut part = Normal::new(PriorEquations::none(unknowns));
             tracks.iter().for_each(|track| part.add(self, track.clone()));
             part
         };
@@ -129,12 +130,12 @@ impl<'p> LinearSystem<'p> {
 }
 
 impl Normal {
-    /// Begins with `matrix` and a right-hand side of 0.
-    pub fn new(matrix: DMatrix<f64>) -> Self {
-        let unknowns = matrix.nrows();
+    /// Begins with what is known beforehand.
+    pub fn new(PriorEquations { matrix, right }: PriorEquations) -> Self {
+        let unknowns = right.len();
         Self {
             matrix,
-            right: DVector::zeros(unknowns),
+            right,
             sums: Vec::new(),
             slots: vec![usize::MAX; unknowns],
             common: Row::default(),

@@ -2,13 +2,14 @@
 
 use nalgebra::DVector;
 
+use super::camera::ReadingCurve;
 use super::covariance::covariance;
 use super::equation::Equation;
 use super::normal::LinearSystem;
 use super::reweight::reweight;
 use super::row::Row;
 use super::terms::geometry::{Geometry, Parameter};
-use super::terms::{Term, TermList, Terms};
+use super::terms::{CameraSolution, Term, TermList, Terms};
 use super::{Observation, PathFor, Setup, Track};
 use crate::geometry::LightPath;
 use crate::image::Bands;
@@ -115,22 +116,36 @@ impl<'s> Problem<'s> {
 
     /// Reweighted least squares; keeps the weights of the last round.
     pub fn solve(&mut self, rounds: usize) -> Option<Solution> {
-        let prior = self.terms.list().prior();
+        let unknowns = self.terms.list().unknowns();
         let mut solution = None;
-        self.linearize_lamps(&DVector::zeros(prior.nrows()));
+        self.linearize_lamps(&DVector::zeros(unknowns));
         for _ in 0..rounds.max(1) {
             let list = self.terms.list();
             let system = self.system(&list);
-            let (normal, right) = system.normal_equations(&prior);
-            let mut values = normal.cholesky()?.solve(&right);
+            let (normal, right) = system.normal_equations(list.prior());
+            let factor = normal.cholesky()?;
+            let mut values = factor.solve(&right);
             let residuals = system.residuals(values.as_slice());
             let (weights, residual) = reweight(&self.equations, &residuals, self.setup.bands);
             self.weights = weights;
+            let firsts = self.firsts_of_camera();
+            self.terms.camera.update_gains(firsts, &values, &factor, residual);
             self.linearize_reading(&mut values);
             self.linearize_lamps(&values);
             solution = Some(Solution { values, residual });
         }
         solution
+    }
+
+    /// First unknowns of the camera's terms: those that all bands share, and the others.
+    fn firsts_of_camera(&self) -> [usize; 2] {
+        [self.terms.first_of_camera(), self.terms.first_of_camera_bands()]
+    }
+
+    /// What a solution says of the camera.
+    pub fn camera(&self, solution: &Solution) -> CameraSolution {
+        let (frames, values) = (self.setup.independence.frames, solution.values.as_slice());
+        self.terms.camera.solution(frames, self.firsts_of_camera(), values)
     }
 
     /// The light of several lamps adds up: its logarithm is made linear about a solution.
@@ -145,16 +160,18 @@ impl<'s> Problem<'s> {
         }
     }
 
-    /// Takes the step in backscatter, and linearises the equations about the solution.
+    /// Takes the steps in backscatter, black level and transfer curve, and linearises the equations
+    /// about the solution.
     fn linearize_reading(&mut self, values: &mut DVector<f64>) {
-        if self.terms.backscatter.is_none() {
+        if !self.terms.has_states() {
             return;
         }
         let direct = self.log_direct(values.as_slice());
         self.terms.apply(values.as_mut_slice());
         let backscatter = self.backscatter();
+        let state: (_, &ReadingCurve) = (&backscatter, self.terms.camera.curve());
         for (equation, log_direct) in self.equations.iter_mut().zip(direct) {
-            equation.linearize_reading(&log_direct, &backscatter, self.setup.bands);
+            equation.linearize_reading(&log_direct, state, self.setup.bands);
         }
     }
 
@@ -165,14 +182,9 @@ impl<'s> Problem<'s> {
         let predicted = par_map(self.equations.iter().collect(), |e| {
             system.predict(e, values, &mut Row::default())
         });
-        let first = self.terms.first_backscatter();
         let mut row = Row::default();
-        let mut by_backscatter = |equation: &Equation, band: usize| {
-            row.clear();
-            row.begin_term(first);
-            if let Some(term) = &self.terms.backscatter {
-                term.jacobian(equation, band, &mut row);
-            }
+        let mut by_steps = |equation: &Equation, band: usize| {
+            self.terms.state_row(equation, band, &mut row);
             row.dot(values)
         };
         let mut direct = vec![[0.0; 3]; self.equations.len()];
@@ -183,8 +195,7 @@ impl<'s> Problem<'s> {
                     |i: usize| self.weights[i][b] * (self.equations[i].y[b] - predicted[i][b]);
                 let reflectance = track.clone().map(weighted).sum::<f64>() / total.max(1e-12);
                 for i in track.clone() {
-                    direct[i][b] =
-                        reflectance + predicted[i][b] - by_backscatter(&self.equations[i], b);
+                    direct[i][b] = reflectance + predicted[i][b] - by_steps(&self.equations[i], b);
                 }
             }
         }
@@ -261,7 +272,7 @@ impl<'s> Problem<'s> {
         let first = list.unknowns();
         list.add(&geometry);
         let system = self.system(&list);
-        let (normal, right) = system.normal_equations(&list.prior());
+        let (normal, right) = system.normal_equations(list.prior());
         let values = normal.cholesky()?.solve(&right);
         let covariance = covariance(&system, self.setup.independence, first)?;
         Some(ParameterStep {

@@ -23,5 +23,6 @@ mod program;
 mod recordings;
 mod recovers_truth;
 mod rendering;
+mod self_calibration;
 mod session;
 mod several_cameras;

@@ -3,7 +3,7 @@
 use crate::support::judge::{Verdict, assert_within, run};
 use crate::support::render::conditions::Conditions;
 use crate::support::render::{Dive, DvlType, Sensor, Truth};
-use unwater::config::{Estimator, Spreading, StrobePosition, Switch};
+use unwater::config::{Estimator, SelfCalibration, Spreading, StrobePosition, Switch};
 use unwater::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
 use unwater::model::{AttenuationKind, LightLaw};
 use unwater::session::Options;
@@ -12,6 +12,13 @@ use unwater::vehicle::StrobeSource;
 fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
     let folder = tempfile::tempdir().expect("a folder");
     run(dive, options, folder.path())
+}
+
+/// Faults are reported and not compensated.
+fn reporting() -> Options {
+    let mut options = Options::default();
+    options.config.estimate.self_calibration = SelfCalibration::Report;
+    options
 }
 
 /// Largest accepted errors, 1.5 times those measured. Those of attenuation are never below
@@ -33,6 +40,8 @@ fn assert_attenuation(what: &str, v: &Verdict, bounds_per_m: &[f64]) {
 }
 
 fn assert_near(what: &str, v: &Verdict, bounds: &Bounds) {
+    let strobe = v.model.strobe.as_ref().map(|s| s.source.to_string()).unwrap_or_default();
+    println!("{what}: strobe {strobe}, camera {:?}", v.model.camera);
     assert_attenuation(what, v, bounds.attenuation_per_m);
     assert_within(&format!("{what}: beam pattern"), v.beam_log_rmse, bounds.beam_log);
     assert_eq!(v.reflectance_error.len(), bounds.reflectance.len(), "{what}: bands");
@@ -214,7 +223,7 @@ fn unknown_strobe_position_is_estimated_and_a_wrong_one_is_reported() {
     assert_attenuation("strobe", &v, &[0.0084, 0.0067, 0.0067]);
 
     // The same dive with a pose that is 0.3 m off: it is used as given, and reported as wrong.
-    let mut wrong = Options::default();
+    let mut wrong = reporting();
     let place = truth.strobe_position_in_base;
     let mount = format!(
         "[strobe.mount]\ntranslation_m = [{}, {}, {}]\nrotation_xyzw = [0.7071, -0.7071, 0.0, \
@@ -285,7 +294,9 @@ fn backscatter_is_modelled_and_subtracted() {
 
     let mut off = Options::default();
     off.config.estimate.backscatter = Switch::Off;
-    let (without, _) = judged(&dive, &off);
+    let mut ideal = off.clone();
+    ideal.config.estimate.self_calibration = SelfCalibration::Off;
+    let (without, _) = judged(&dive, &ideal);
     assert!(without.model.backscatter.is_none());
     assert!(
         without.attenuation_error_per_m[0] < -0.04,
@@ -316,7 +327,9 @@ fn vignetting_given_in_the_rig_is_corrected() {
         reflectance: &[0.03, 0.0155, 0.0231],
     };
     assert_near("vignetting", &v, &bounds);
-    let (without, _) = judged(&dive, &Options::default());
+    let mut ideal = Options::default();
+    ideal.config.estimate.self_calibration = SelfCalibration::Off;
+    let (without, _) = judged(&dive, &ideal);
     assert!(
         without.reflectance_error[1] > 1.2 * v.reflectance_error[1],
         "{:?} and {:?}",
@@ -465,7 +478,7 @@ fn clock_offset_and_rotated_mount_are_reported_and_nothing_else() {
 
     let late = Options {
         rig: toml::from_str("[time_offset_s]\n\"/camera/image_raw\" = 0.2\n").expect("a rig"),
-        ..Options::default()
+        ..reporting()
     };
     let (v, _) = judged(&dive, &late);
     let check = v.model.mount_check.as_ref().expect("a check");
@@ -480,10 +493,8 @@ fn clock_offset_and_rotated_mount_are_reported_and_nothing_else() {
     // starboard), so the correction is +2°.
     let mount = "[dvl.mount]\ntranslation_m = [-0.08, 0.15, -0.16]\nroll_pitch_yaw_deg = [180.0, \
                  2.0, 0.0]\n";
-    let (v, _) = judged(
-        &dive,
-        &Options { rig: toml::from_str(mount).expect("a rig"), ..Options::default() },
-    );
+    let (v, _) =
+        judged(&dive, &Options { rig: toml::from_str(mount).expect("a rig"), ..reporting() });
     let check = v.model.mount_check.as_ref().expect("a check");
     assert_within("mount: rotation about x [°]", check.turn_deg[0] - 2.0, 0.092);
     assert_within("mount: rotation about y [°]", check.turn_deg[1], 0.5);

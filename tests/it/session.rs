@@ -51,6 +51,7 @@ fn a_frame_keeps_its_gain_under_another_clock_offset() {
         input: 0,
         stamp_ns: frame.stamp.0,
         gain: 0.5,
+        balance: None,
         range_factor: 1.0,
     };
     let options = offset(&session.survey.camera_topic, 0.02);
@@ -79,18 +80,19 @@ fn gains_belong_to_frames_of_their_log() {
         input,
         stamp_ns: f.stamp.0,
         gain,
+        balance: None,
         range_factor: 1.0,
     };
     // Two frames of one stamp; a frame of another log with the identity of one of this.
     let (first, second, third) = (frame(1, 5), frame(2, 5), frame(3, 9));
     model.frame_gains = vec![gain(&first, 0, 0.5), gain(&third, 1, 0.25)];
     let gains = FrameGains::new(&model, &recording, None).unwrap();
-    assert_eq!([first, second, third].map(|f| gains.of(&f)), [0.5, 1.0, 1.0]);
+    assert_eq!([first, second, third].map(|f| gains.of(&f)), [Some([0.5; 3]), None, None]);
     assert_eq!(gains.of_other_logs, 1);
     // A corrected log has other identities than its source, and the same stamps.
     let source = "0".repeat(64);
     let gains = FrameGains::new(&model, &recording, Some(&source)).unwrap();
-    assert_eq!((gains.of(&frame(7, 9)), gains.of_other_logs), (0.25, 0));
+    assert_eq!((gains.of(&frame(7, 9)), gains.of_other_logs), (Some([0.25; 3]), 0));
     // Identities survive the file; files of earlier versions have stamps alone.
     let json = model.to_json().unwrap();
     let again = ModelFile::from_json(&json).unwrap();
@@ -101,7 +103,7 @@ fn gains_belong_to_frames_of_their_log() {
     }
     let old = ModelFile::from_json(&old.to_string()).unwrap();
     let gains = FrameGains::new(&old, &recording, None).unwrap();
-    assert_eq!([second, third].map(|f| gains.of(&f)), [0.5, 0.25]);
+    assert_eq!([second, third].map(|f| gains.of(&f)), [Some([0.5; 3]), Some([0.25; 3])]);
 }
 
 #[test]

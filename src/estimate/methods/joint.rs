@@ -43,6 +43,7 @@ pub fn estimate(
     let fit = (answer.observations, answer.residual);
     Ok(Candidate {
         path_spread_m: Some(answer.path_spread_m),
+        systematic: answer.systematic,
         inflation,
         low_frames: low.map(|l| (l.attenuation_per_m, l.std_per_m)),
         ..Candidate::new(model, answer.std_per_m, fit, &details)
@@ -61,7 +62,7 @@ fn inflate(
     let without_backscatter =
         setup.scatter.and_then(|_| solve(tracks, &plain, data.lamps, &sample_path));
     let without_backscatter = without_backscatter.map(|a| a.attenuation_per_m);
-    let (common, between) = common_errors(data, without_backscatter, &answer.attenuation_per_m);
+    let (common, between) = common_errors(data, without_backscatter, answer);
     let by_freedom = freedom_inflation(data, tracks, setup, &answer.std_per_m);
     let alone = answer.std_per_m;
     for b in 0..setup.bands {
@@ -119,6 +120,7 @@ fn details(
         ("tracks", answer.tracks as f64),
         ("longest_track_frames", f64::from(longest)),
         ("path_spread_m", answer.path_spread_m),
+        ("systematic", answer.systematic),
     ];
     if data.bands() == 3 {
         details.push(("red_minus_green_std_per_m", answer.difference_std_per_m[0]));

@@ -26,6 +26,8 @@ pub struct Candidate {
     pub answer: EstimatorAnswer,
     /// root mean square difference of path length within a track (m)
     pub path_spread_m: Option<f64>,
+    /// errors common to regions of frames (log light)
+    pub systematic: f64,
     /// largest factor by which common-mode errors widen the standard deviations
     pub inflation: f64,
     /// α and its standard deviation from the lower half of the frames (1/m)
@@ -48,7 +50,15 @@ impl Candidate {
             details: details.iter().map(|(k, v)| (String::from(*k), *v)).collect(),
             ..EstimatorAnswer::default()
         };
-        Self { model, std_per_m, answer, path_spread_m: None, inflation: 1.0, low_frames: None }
+        Self {
+            model,
+            std_per_m,
+            answer,
+            path_spread_m: None,
+            systematic: 0.0,
+            inflation: 1.0,
+            low_frames: None,
+        }
     }
 
     /// Inflates the standard deviations by the disagreement with the better-informed estimate.

@@ -2,9 +2,10 @@
 //! deviations do not contain them.
 
 use crate::estimate::Dataset;
+use crate::estimate::camera_fit::CameraFit;
 use crate::estimate::samples::FrameSamples;
 use crate::image::Bands;
-use crate::solver::{Observation, Setup, Track, sample_path, solve};
+use crate::solver::{JointAnswer, Observation, Setup, Track, sample_path, solve};
 
 /// Error of planes, attitudes and the beam's grid, common to all points of a few seconds, which
 /// turns into α by the spread of path lengths. By rendered dives (log light).
@@ -17,6 +18,11 @@ const TERRAIN_LOG_ERROR: f64 = 0.011;
 const COMMON_VALUE_ERROR: f64 = 0.1;
 /// Error of the form of backscatter, as a share of its effect on α.
 const SCATTERING_FORM_ERROR: f64 = 0.1;
+/// Error of gains or of a transfer curve that were found, over the log's range of path lengths. By
+/// dives of two renderers (log light).
+const CAMERA_LOG_ERROR: f64 = 0.004;
+/// Uniform backscatter is mistaken for a black level: error of that, as a share of its effect on α.
+const BLACK_LEVEL_FORM_ERROR: f64 = 0.05;
 /// Common-mode errors go with altitude, as exponent and strobe position do, and so are mistaken for
 /// them more easily than errors of single frames; by rendered dives.
 const COMMON_OVER_SINGLE: f64 = 2.0;
@@ -27,38 +33,68 @@ pub const FEW_ROUNDS: usize = 4;
 pub fn common_errors(
     data: &Dataset<'_>,
     without_backscatter: Option<Bands>,
-    alpha: &Bands,
+    answer: &JointAnswer,
 ) -> (Bands, [f64; 2]) {
+    let alpha = &answer.attenuation_per_m;
     let by_values: Bands =
         std::array::from_fn(|b| if b < data.bands() { value_error_per_m(data, b) } else { 0.0 });
     let by_backscatter: Bands = std::array::from_fn(|b| {
         without_backscatter.map_or(0.0, |w| SCATTERING_FORM_ERROR * (w[b] - alpha[b]))
     });
-    let by_geometry = geometry_error_per_m(data);
-    let of_band = |b: usize| by_geometry.hypot(by_values[b]).hypot(by_backscatter[b]);
+    let by_geometry = geometry_error_per_m(data, answer.systematic);
+    let by_black_level = |b: usize| {
+        let found = data.camera.filter(|camera| camera.found.black_level);
+        found.map_or(0.0, |c| BLACK_LEVEL_FORM_ERROR * black_level_share_per_m(data, c, b))
+    };
+    let by_camera = camera_error_per_m(data);
+    let of_camera = |b: usize| by_camera.hypot(by_black_level(b));
+    let of_band =
+        |b: usize| by_geometry.hypot(by_values[b]).hypot(by_backscatter[b]).hypot(of_camera(b));
     // The error of the geometry is nearly the same in all bands.
     let between = |b: usize| {
         (by_geometry / 2.0)
             .hypot(by_values[b])
             .hypot(by_values[b + 1])
             .hypot(by_backscatter[b] - by_backscatter[b + 1])
+            .hypot(of_camera(b) / 2.0)
+            .hypot(of_camera(b + 1) / 2.0)
     };
     (std::array::from_fn(of_band), std::array::from_fn(between))
 }
 
 /// Error of the geometry as an error of α (1/m), by the number of independent moments and the
 /// spread of path lengths.
-fn geometry_error_per_m(data: &Dataset<'_>) -> f64 {
-    let altitudes = || data.frames.iter().map(|f| f.camera_altitude_m);
-    let n = data.frames.len().max(1) as f64;
-    let mean = altitudes().sum::<f64>() / n;
-    // Down and up again.
-    let path_std_m = 2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt();
+fn geometry_error_per_m(data: &Dataset<'_>, systematic: f64) -> f64 {
     let follows_terrain =
         |f: &FrameSamples| f.grid.iter().any(|(_, sample)| sample.normal != f.normal);
     let log_error =
         if data.frames.iter().any(follows_terrain) { TERRAIN_LOG_ERROR } else { COMMON_LOG_ERROR };
-    log_error / (path_std_m * (data.moments() as f64).sqrt()).max(1e-9)
+    log_error.max(systematic) / (path_std_m(data) * (data.moments() as f64).sqrt()).max(1e-9)
+}
+
+/// Spread of path lengths over the log (m): down and up again.
+fn path_std_m(data: &Dataset<'_>) -> f64 {
+    let altitudes = || data.frames.iter().map(|f| f.camera_altitude_m);
+    let n = data.frames.len().max(1) as f64;
+    let mean = altitudes().sum::<f64>() / n;
+    2.0 * (altitudes().map(|h| (h - mean).powi(2)).sum::<f64>() / n).sqrt()
+}
+
+/// Error of the form of gains and transfer curve as an error of α (1/m). It goes with brightness,
+/// hence with altitude, and more frames do not lower it.
+fn camera_error_per_m(data: &Dataset<'_>) -> f64 {
+    let found = data.camera.map(|camera| camera.found).unwrap_or_default();
+    let is_uncertain = found.gains || found.law || found.response;
+    if is_uncertain { CAMERA_LOG_ERROR / path_std_m(data).max(1e-9) } else { 0.0 }
+}
+
+/// Slope over path length of the share of a band's light that the black level is: what α would have
+/// absorbed of it (1/m).
+fn black_level_share_per_m(data: &Dataset<'_>, camera: &CameraFit, band: usize) -> f64 {
+    let level = camera.curve.black_level[band];
+    let share = |o: &Observation| level / (f64::from(o.sample.log_color[band]).exp() + level);
+    let observations = data.raw_tracks().iter().flatten();
+    slope(observations.filter_map(|o| Some((data.path(o)?.length_m(), share(o)))))
 }
 
 /// Slope over path length of the log light of an error in pixel values: α absorbs it (1/m).
@@ -71,7 +107,11 @@ fn value_error_per_m(data: &Dataset<'_>, band: usize) -> f64 {
     let is_8_bit =
         |o: &&Observation| data.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit);
     let of_8_bit = data.raw_tracks().iter().flatten().filter(is_8_bit);
-    let points = of_8_bit.filter_map(|o| Some((data.path(o)?.length_m(), log_light(o))));
+    slope(of_8_bit.filter_map(|o| Some((data.path(o)?.length_m(), log_light(o)))))
+}
+
+/// Size of the slope of y over x.
+fn slope(points: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (n, sum_l, sum_e, sum_ll, sum_le) = points
         .fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y)| {
             (n + 1.0, l + x, e + y, ll + x * x, le + x * y)

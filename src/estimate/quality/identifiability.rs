@@ -13,6 +13,8 @@ const MIN_PATH_SPREAD_M: f64 = 0.05;
 /// α of the lower half of the frames may differ from that of all by this much, whatever the noise
 /// (1/m).
 const MIN_DIFFERENCE_PER_M: f64 = 0.03;
+/// Largest error common to regions of frames (log light).
+const MAX_SYSTEMATIC: f64 = 0.0065;
 /// Backscatter that is not modelled may change α by this share.
 const UNMODELLED_SHARE: f64 = 0.1;
 /// Largest standard deviation of α (1/m).
@@ -40,6 +42,9 @@ pub fn not_identified(
         && let Some(reason) = backscatter_ignored(alpha, &with)
     {
         return Some(reason);
+    }
+    if candidate.systematic > MAX_SYSTEMATIC {
+        return Some(NotIdentified::Misfit { systematic: candidate.systematic });
     }
     if let Some(reason) = low_frames_differ(candidate) {
         return Some(reason);
@@ -98,6 +103,7 @@ mod tests {
             std_per_m,
             answer: EstimatorAnswer::default(),
             path_spread_m: Some(0.4),
+            systematic: 0.003,
             inflation: 1.0,
             low_frames: Some((alpha, std_per_m)),
         }
@@ -142,6 +148,10 @@ mod tests {
         assert!(matches!(
             of(&|c| c.low_frames = Some(([0.45, 0.10, 0.1], [0.004; 3]))),
             Some(N::LowFramesDiffer { low_frames_per_m, .. }) if low_frames_per_m == 0.10
+        ));
+        assert!(matches!(
+            of(&|c| c.systematic = 0.013),
+            Some(N::Misfit { systematic }) if systematic == 0.013
         ));
         // The same difference within four standard deviations is none.
         assert_eq!(of(&|c| c.low_frames = Some(([0.45, 0.10, 0.1], [0.02; 3]))), None);

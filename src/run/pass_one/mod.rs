@@ -13,6 +13,7 @@ use crate::correct::MeanFrames;
 use crate::error::Result;
 use crate::estimate::{FrameSamples, MatchedPair, PLANES_AROUND_S, coarsest_m, sample_frame};
 use crate::image::LinearImage;
+use crate::image::transfer::Transfer;
 use crate::parallel::Threads;
 use crate::recording::{FrameId, Message};
 use crate::session::{CameraSession, Frame, FrameRef, Progress, Step};
@@ -139,6 +140,8 @@ impl Sampler<'_> {
         let mut sampled =
             sample_frame(of, &light, &frame.view(), keypoints_up_to, matching, estimate);
         sampled.eight_bit = frame.pixels.coding.bits <= 8;
+        sampled.mean_reading = frame.pixels.mean_light();
+        sampled.is_srgb = frame.pixels.coding.transfer == Transfer::Srgb;
         sampled.planes_around = self.planes_around(&frame);
         let wants_image = config.render.method.needs_mean_frames();
         let altitude_m = frame.view().camera_altitude_m();

@@ -24,6 +24,7 @@ pub struct CameraSurvey {
     pub frame_id: String,
     pub container: Container,
     pub image_pixels: usize,
+    pub image_size: (usize, usize),
     pub image_bytes: usize,
     /// full scale of 16-bit images (DN)
     pub white_level: Option<u16>,
@@ -56,6 +57,7 @@ impl CameraSurvey {
             container: of_camera.iter().find_map(|c| c.container).unwrap_or(Container::Raw),
             image_pixels: size
                 .map_or(calibration.width * calibration.height, |(w, h)| w.saturating_mul(h)),
+            image_size: size.unwrap_or((calibration.width, calibration.height)),
             image_bytes: of_camera.iter().map(|c| c.largest_image_bytes).max().unwrap_or(0),
             white_level: options.config.light.white_level.or_else(own_white_level),
             clock_offset_s: of_camera.iter().find_map(|c| c.clock_offset_s),

@@ -11,15 +11,18 @@ mod lights;
 mod mounts;
 mod ranges;
 
+use crate::config::SeafloorConfig;
 use crate::coordinates::Transform;
 use crate::diagnostics::{CameraFact, ClockFact, Diagnostic, LogFact, RangeFact};
 use crate::error::{Error, Result};
 use crate::geometry::SeafloorEstimator;
+use crate::image::Bands;
 use crate::image::Container;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::Electrons;
-use crate::image::response::ResponseTable;
-use crate::model::{LightSettingFile, ModelFile};
+use crate::image::response::{ResponseTable, TransferKnown};
+use crate::image::transfer::Transfer;
+use crate::model::{CameraFile, GeometryFile, LightSettingFile, ModelFile};
 use crate::recording::FrameId;
 use crate::units::Stamp;
 use crate::vehicle::{Rig, SettingSeries};
@@ -35,6 +38,7 @@ use mounts::Mounts;
 use ranges::RangeSurvey;
 
 /// One camera of a log, with all that its frames need.
+#[derive(Clone)]
 pub struct Survey {
     /// the camera's topic
     pub camera_topic: String,
@@ -48,6 +52,8 @@ pub struct Survey {
     pub container: Container,
     /// pixels of an image
     pub image_pixels: usize,
+    /// width and height of an image (px)
+    pub image_size: (usize, usize),
     /// bytes of the largest image message
     pub image_bytes: usize,
     /// full scale of 16-bit images (DN)
@@ -62,6 +68,8 @@ pub struct Survey {
     pub flat_field: Option<FlatField>,
     /// the camera's response as a table, where the rig file has it
     pub response: Option<ResponseTable>,
+    /// how the transfer curve is known
+    pub transfer: TransferKnown,
     /// full well and read noise, where the rig file has them
     pub electrons: Electrons,
     /// settings of camera and strobe along the log
@@ -88,12 +96,74 @@ impl Survey {
         self.settings.iter().find(|series| (&series.topic, &series.name) == (&of.topic, &of.name))
     }
 
-    /// Light of a frame over that of others: by its settings, and where pass one found it to stand
-    /// out from its neighbours.
-    pub fn frame_gain(&self, file: &ModelFile, gains: &FrameGains, frame: &FrameRef) -> f64 {
+    /// Light of a frame over that of others, per band: by its settings, and as pass one found it.
+    /// Frames that pass one did not sample get what the camera's law gives to an image of such
+    /// light.
+    pub fn frame_gain(
+        &self,
+        file: &ModelFile,
+        gains: &FrameGains,
+        frame: &FrameRef,
+        mean_light: impl FnOnce() -> Bands,
+    ) -> Bands {
         let log_gain = |s: &LightSettingFile| Some(s.log_gain(self.setting(s)?.at(frame.stamp)?));
         let by_settings: f64 = file.light_settings.iter().filter_map(log_gain).sum::<f64>().exp();
-        by_settings * gains.of(frame)
+        let law = || file.camera.as_ref()?.gain_law.as_ref();
+        let by_law = || law().map(|law| law.log_gains(&mean_light()).map(f64::exp));
+        let own = gains.of(frame).or_else(by_law).unwrap_or([1.0; 3]);
+        own.map(|gain| gain * by_settings)
+    }
+
+    /// Takes over transfer curve, vignetting and black level that a model found.
+    ///
+    /// # Errors
+    /// The curve is no curve.
+    pub fn take_camera(&mut self, found: &CameraFile) -> Result<()> {
+        self.take_response(found)?;
+        let dark = found.black_level.as_ref().map(|level| {
+            std::array::from_fn(|b| level.get(b.min(level.len() - 1)).copied().unwrap_or(0.0))
+        });
+        let (width, height) = self.image_size;
+        let even = || FlatField::from_fn(width, height, |_, _| 1.0);
+        if let (Some(vignetting), Some(camera)) =
+            (&found.vignetting, self.rig.camera.scaled_to(width, height))
+        {
+            self.flat_field = Some(FlatField::from_fn(width, height, |u, v| {
+                camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.transmission(x, y))
+            }));
+        }
+        if let Some(dark) = dark {
+            self.flat_field = Some(self.flat_field.take().unwrap_or_else(even).with_dark(dark));
+        }
+        Ok(())
+    }
+
+    /// Takes over a transfer curve that a model found, unless one is given.
+    ///
+    /// # Errors
+    /// It is no curve.
+    pub fn take_response(&mut self, found: &CameraFile) -> Result<()> {
+        let is_given = self.transfer == TransferKnown::Surely;
+        if let Some(response) = found.response.as_ref().filter(|_| !is_given) {
+            let table = ResponseTable::new(response.points.clone());
+            self.response = Some(table.map_err(Error::Usage)?);
+            let is_fitted = response.transfer == "fitted";
+            self.transfer = if is_fitted { TransferKnown::Fitted } else { TransferKnown::Named };
+        }
+        Ok(())
+    }
+
+    /// Takes over clock and mount that a model found.
+    pub fn take_geometry(&mut self, found: &GeometryFile, config: &SeafloorConfig) {
+        for frame in &mut self.frames {
+            frame.stamp = frame.stamp.plus_seconds(found.clock_offset_s);
+        }
+        if let Some(rotation) = found.dvl_rotation_xyzw {
+            let at = self.rig.body_from_dvl.isometry().translation.vector;
+            self.rig.body_from_dvl = Transform::from_parts(at.into(), rotation);
+        }
+        let stamps: Vec<Stamp> = self.frames.iter().map(|f| f.stamp).collect();
+        self.pings.estimate_trajectory(&stamps, &self.rig, config);
     }
 
     /// Settings that a model compensates and this log does not have.
@@ -148,12 +218,14 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         camera_frame: camera.frame_id,
         container: camera.container,
         image_pixels: camera.image_pixels,
+        image_size: camera.image_size,
         image_bytes: camera.image_bytes,
         white_level: camera.white_level,
         dvl_topic: ranges.topic,
         attitude_topic,
         pings,
         flat_field: camera.flat_field,
+        transfer: transfer_known(options, camera.response.is_some()),
         response: camera.response,
         electrons: Electrons {
             full_well: rig_file.camera.full_well_e,
@@ -163,6 +235,14 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         rig,
         diagnostics,
     })
+}
+
+/// A transfer curve by encoding alone is assumed; which images it applies to, they say themselves.
+fn transfer_known(options: &Options, has_table: bool) -> TransferKnown {
+    match options.config.light.transfer {
+        Transfer::Auto if !has_table => TransferKnown::Assumed,
+        _ => TransferKnown::Surely,
+    }
 }
 
 fn check_offsets(log: &Log, options: &Options, diagnostics: &mut Vec<Diagnostic>) {

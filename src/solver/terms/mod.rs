@@ -6,13 +6,18 @@
 pub mod attenuation;
 pub mod backscatter;
 pub mod beam;
+mod black_level;
+mod camera;
 pub mod exponent;
 pub mod frame_gain;
+pub mod gain_law;
 pub mod geometry;
+mod response;
 #[cfg(test)]
 mod tests;
+mod vignetting;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use super::Setup;
 use super::equation::Equation;
@@ -22,6 +27,8 @@ use crate::image::Bands;
 use attenuation::Attenuation;
 use backscatter::BackscatterTerm;
 use beam::Beam;
+pub use camera::CameraSolution;
+use camera::CameraTerms;
 use exponent::Exponent;
 
 /// A group of unknowns that enter the log radiance together.
@@ -45,20 +52,46 @@ pub trait Term: Sync {
     }
 }
 
-/// Prior equations of one term, added to the normal matrix.
+/// What is known of the unknowns beforehand, as normal equations.
+#[derive(Clone)]
+pub struct PriorEquations {
+    /// normal matrix
+    pub matrix: DMatrix<f64>,
+    /// right-hand side
+    pub right: DVector<f64>,
+}
+
+impl PriorEquations {
+    /// No knowledge of so many unknowns.
+    pub fn none(unknowns: usize) -> Self {
+        Self { matrix: DMatrix::zeros(unknowns, unknowns), right: DVector::zeros(unknowns) }
+    }
+
+    /// Adds a term's knowledge; `first` is its first unknown.
+    pub fn add(&mut self, term: &dyn Term, first: usize) {
+        term.prior(&mut Prior { equations: self, first });
+    }
+}
+
+/// Prior equations of one term.
 pub struct Prior<'m> {
-    /// the normal matrix of all unknowns
-    pub matrix: &'m mut DMatrix<f64>,
+    equations: &'m mut PriorEquations,
     /// the term's first unknown
-    pub first: usize,
+    first: usize,
 }
 
 impl Prior<'_> {
     /// Adds `weight · (Σ coefficient · unknown)²`; unknowns are counted from the term's first.
     pub fn hold(&mut self, equation: &[(usize, f64)], weight: f64) {
+        self.hold_to(equation, 0.0, weight);
+    }
+
+    /// Adds `weight · (Σ coefficient · unknown − value)²`.
+    pub fn hold_to(&mut self, equation: &[(usize, f64)], value: f64, weight: f64) {
         for (p, a) in equation {
+            self.equations.right[self.first + *p] += weight * a * value;
             for (q, b) in equation {
-                self.matrix[(self.first + *p, self.first + *q)] += weight * a * b;
+                self.equations.matrix[(self.first + *p, self.first + *q)] += weight * a * b;
             }
         }
     }
@@ -70,6 +103,7 @@ pub struct Terms<'s> {
     pub(super) attenuation: Attenuation<'s>,
     pub(super) exponent: Option<Exponent>,
     pub(super) backscatter: Option<BackscatterTerm>,
+    pub(super) camera: CameraTerms<'s>,
 }
 
 /// Terms with the first unknown of each.
@@ -90,6 +124,7 @@ impl<'s> Terms<'s> {
             attenuation: Attenuation::new(setup.bands, setup.segments),
             exponent: setup.fit_exponent.then_some(Exponent),
             backscatter: setup.scatter.map(|(start, _)| BackscatterTerm::new(setup.bands, *start)),
+            camera: CameraTerms::new(setup),
         }
     }
 
@@ -97,15 +132,17 @@ impl<'s> Terms<'s> {
     pub fn list(&self) -> TermList<'_> {
         let mut list = TermList { common: Vec::new(), of_band: Vec::new(), unknowns: 0 }
             .with_common(&self.beam);
+        list = self.camera.common().fold(list, TermList::with_common);
         list.add(&self.attenuation);
         self.exponent.iter().for_each(|term| list.add(term));
         self.backscatter.iter().for_each(|term| list.add(term));
+        self.camera.of_band().for_each(|term| list.add(term));
         list
     }
 
     /// First unknown of α; those of a band follow one another over time.
     pub fn first_attenuation(&self) -> usize {
-        self.beam.columns()
+        self.first_of_camera() + self.camera.common().map(Term::columns).sum::<usize>()
     }
 
     /// The exponent's unknown.
@@ -118,13 +155,39 @@ impl<'s> Terms<'s> {
         self.first_attenuation() + self.attenuation.columns() + usize::from(self.exponent.is_some())
     }
 
+    /// First unknown of the camera's terms that all bands share.
+    pub fn first_of_camera(&self) -> usize {
+        self.beam.columns()
+    }
+
+    /// First unknown of the camera's terms that differ between the bands.
+    pub fn first_of_camera_bands(&self) -> usize {
+        self.first_backscatter() + self.backscatter.as_ref().map_or(0, Term::columns)
+    }
+
+    /// Whether any term is linearised about its own state.
+    pub fn has_states(&self) -> bool {
+        self.backscatter.is_some() || self.camera.has_states()
+    }
+
+    /// Derivatives by the unknowns that are steps from a state.
+    pub fn state_row(&self, equation: &Equation, band: usize, row: &mut Row) {
+        row.clear();
+        if let Some(term) = &self.backscatter {
+            row.begin_term(self.first_backscatter());
+            term.jacobian(equation, band, row);
+        }
+        self.camera.state_row(self.first_of_camera_bands(), equation, band, row);
+    }
+
     /// Hands the solved values to the terms that are linearised about their own state.
     pub fn apply(&mut self, values: &mut [f64]) {
-        let first = self.first_backscatter();
+        let (first, of_camera) = (self.first_backscatter(), self.first_of_camera_bands());
         if let Some(term) = &mut self.backscatter {
             let columns = term.columns();
             term.apply(&mut values[first..first + columns]);
         }
+        self.camera.apply(of_camera, values);
     }
 
     /// α of a frame (1/m).
@@ -191,12 +254,13 @@ impl<'t> TermList<'t> {
 
     /// The prior of all terms, and a ridge for directions that nothing determines: the constant
     /// shared by beam pattern and reflectance.
-    pub fn prior(&self) -> DMatrix<f64> {
-        let mut matrix = DMatrix::from_diagonal_element(self.unknowns, self.unknowns, 1e-6);
+    pub fn prior(&self) -> PriorEquations {
+        let mut equations = PriorEquations::none(self.unknowns);
+        equations.matrix.fill_diagonal(1e-6);
         for (first, term) in self.common.iter().chain(&self.of_band) {
-            term.prior(&mut Prior { matrix: &mut matrix, first: *first });
+            equations.add(*term, *first);
         }
-        matrix
+        equations
     }
 
     /// Unknowns that stand at a bound.

@@ -3,12 +3,20 @@
 use nalgebra::Vector3;
 
 use super::attenuation::TimeGrid;
+use super::black_level::BlackLevel;
+use super::gain_law::GainLaw;
 use super::geometry::{Geometry, PlaneTrack, ShiftedPlanes, strobe_position};
+use super::response::ResponseTerm;
+use super::vignetting::Vignetting;
 use super::*;
 use crate::config::EstimateConfig;
 use crate::coordinates::{Body, Direction, Point, Strobe, Transform};
+use crate::image::transfer::Transfer;
 use crate::model::{Backscatter, BeamGrid, BeamPattern, Frustum, ImagingModel, Removal};
 use crate::model::{ScatterIntegral, ScatterTable, SpreadingModel};
+use crate::solver::camera::{
+    CameraUnknowns, ImageRadius, KNOTS, ReadingCurve, hats, vignetting_at,
+};
 use crate::solver::{Independence, Observation, Sample, ScatterOf, sample_path};
 use crate::vehicle::Lamps;
 
@@ -219,9 +227,101 @@ fn the_light_of_several_lamps_is_linear_about_the_solution() {
     }
 }
 
+/// An equation with what of the camera is asked for.
+fn camera_equation(curve: &ReadingCurve, observation: &Observation) -> Equation {
+    let config = EstimateConfig::default();
+    let radius = ImageRadius { body_from_optical: Transform::identity(), corner_squared: 0.2 };
+    let camera = CameraUnknowns {
+        gains: None,
+        law: None,
+        vignetting: true,
+        response: true,
+        black_level: true,
+        start: curve,
+        radius,
+    };
+    let setup = Setup { camera: Some(camera), ..setup(&config) };
+    let path = sample_path(observation, Lamps::one(lamp(-0.8, 0.3))).expect("a lit point");
+    Equation::new(&setup, &|_| true, observation, &path, 0).expect("an equation")
+}
+
+#[test]
+fn vignetting_is_a_polynomial_of_the_image_radius() {
+    let o = observation();
+    let row = derivatives(&Vignetting, &camera_equation(&ReadingCurve::default(), &o), 0);
+    let q = (0.3f64.powi(2) + 0.2f64.powi(2)) / (2.1f64.powi(2) * 0.2);
+    for k in 0..3 {
+        let numeric = |step: f64| {
+            let mut coefficients = [0.3, -0.2, 0.1];
+            coefficients[k] += step;
+            vignetting_at(&coefficients, q)
+        };
+        assert_near(row[k], (numeric(H) - numeric(-H)) / (2.0 * H), &format!("v{}", k + 1));
+    }
+}
+
+/// Steps of black level and curve change the reading; the terms' derivatives are those of log D at
+/// the reading, hence the share of direct light.
+#[test]
+fn black_level_and_curve_change_the_reading() {
+    let o = observation();
+    let mut knots = [0.0; KNOTS];
+    (0..KNOTS).for_each(|k| knots[k] = 0.05 * (0.9 * k as f64).cos());
+    let level = [0.004, 0.003, 0.002];
+    let curve = ReadingCurve::new(level, Some(Transfer::Gamma(2.2)), knots);
+    let equation = camera_equation(&curve, &o);
+    for band in 0..3 {
+        let direct = 1.0 / equation.reading.per_direct[band];
+        let reading =
+            |curve: &ReadingCurve| curve.reading((direct + curve.black_level[band]).ln()).0;
+        assert_near(reading(&curve), f64::from(o.sample.log_color[band]), "at the state");
+        let share = equation.reading.direct_share[band];
+        let row = derivatives(&BlackLevel { bands: 3, level }, &equation, band);
+        let with = |step: f64| {
+            let mut moved = level;
+            moved[band] += step;
+            reading(&ReadingCurve::new(moved, curve.transfer, knots))
+        };
+        let numeric = (with(H) - with(-H)) / (2.0 * H);
+        assert!((row[band] * share / numeric - 1.0).abs() < 2e-3, "{} {numeric}", row[band]);
+        let row = derivatives(&ResponseTerm { knots }, &equation, band);
+        for (knot, _) in hats(reading(&curve)) {
+            let with = |step: f64| {
+                let mut moved = knots;
+                moved[knot] += step;
+                reading(&ReadingCurve::new(level, curve.transfer, moved))
+            };
+            let numeric = (with(1e-3) - with(-1e-3)) / 2e-3;
+            assert!((row[knot] * share - numeric).abs() < 0.02, "{} {numeric}", row[knot]);
+        }
+    }
+}
+
+#[test]
+fn the_law_of_a_camera_answers_brightness_and_colour() {
+    let log_means = [[0.3, -0.1, 0.1]];
+    let term = GainLaw { bands: 3, log_means: &log_means };
+    let row = derivatives(&term, &Equation::of_residual(0, 0.0), 1);
+    assert_near(row[0], 0.1, "brightness");
+    assert_near(row[1], -0.2, "colour of the band");
+}
+
+#[test]
+fn a_gain_of_a_band_acts_on_its_frame_and_band() {
+    let means = vec![0.5; 6];
+    let term = frame_gain::FrameGain { frames: 2, bands: 3, means, hold_weight: 2.0 };
+    let row = derivatives(&term, &Equation::of_residual(1, 0.4), 2);
+    assert_eq!(row, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    // Without light the gains are what they are held to.
+    let mut prior = PriorEquations::none(6);
+    prior.add(&term, 0);
+    let solved = prior.matrix.cholesky().expect("definite").solve(&prior.right);
+    assert!(solved.iter().all(|gain| (gain - 0.5).abs() < 1e-12));
+}
+
 #[test]
 fn a_frame_gain_acts_on_its_own_frame() {
-    let term = frame_gain::FrameGain { frames: 3, hold_weight: 1.0 };
+    let term = frame_gain::FrameGain::common(3, 1.0);
     let row = derivatives(&term, &Equation::of_residual(1, 0.4), 0);
     assert_eq!(row, [0.0, 1.0, 0.0]);
 }

@@ -1,0 +1,377 @@
+//! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter, the
+//! camera, then the estimators.
+//!
+//! What is off in a log (strobe, clock, backscatter, camera) looks alike in the residual. So the
+//! log is first explained without faults of the camera; where that leaves uneven gains, faults of
+//! the camera compete with it by their cost (`self_calibration`), and the cheaper explanation is
+//! taken.
+
+use super::backscatter::BackscatterFit;
+use super::camera_fit::CameraFit;
+use super::methods::empirical::Regions;
+use super::mount_search::{MountFit, check_mounts, plane_tracks};
+use super::quality::identifiability::MIN_FRAMES;
+use super::samples::FrameSamples;
+use super::self_calibration::{Calibration, calibrate, cost_with};
+use super::strobe_search::{StrobePlacement, place_strobe};
+use super::{
+    Dataset, FollowedSetting, ModelEstimate, Mounts, backscatter, drift, estimate, exposure,
+    frame_gains,
+};
+use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
+use crate::error::Result;
+use crate::image::Bands;
+use crate::image::response::TransferKnown;
+use crate::model::BeamGrid;
+use crate::parallel::join;
+use crate::solver::{Track, sample_path};
+use crate::vehicle::Lamps;
+
+/// Times that strobe and backscatter are estimated in turn: each is more certain with the other
+/// known.
+const TURNS: usize = 3;
+/// A strobe that moves less between turns is final (m).
+const SETTLED_M: f64 = 0.01;
+/// A strobe that moves further asks for the camera to be found again (m).
+const MOVED_M: f64 = 0.03;
+/// The camera is believed to be at fault where that lowers the cost by this.
+const LEAST_DECREASE: f64 = 0.05;
+
+/// Samples and tracks, owned.
+#[derive(Clone)]
+struct Samples {
+    frames: Vec<FrameSamples>,
+    tracks: Vec<Track>,
+}
+
+impl Samples {
+    fn data<'s>(
+        &'s self,
+        mounts: &Mounts,
+        lamps: Lamps,
+        camera: Option<&'s CameraFit>,
+    ) -> Dataset<'s> {
+        let data = Dataset::plain(&self.frames, &self.tracks, mounts.body_from_optical, lamps);
+        Dataset { camera, ..data }
+    }
+
+    /// Divides by recorded settings.
+    fn follow(&mut self, followed: &[FollowedSetting], settings: &[Vec<f64>]) {
+        for setting in followed {
+            self.remove_gains(&uniform(&setting.log_gains(&settings[setting.index])));
+        }
+    }
+
+    fn remove_gains(&mut self, log_gains: &[Bands]) {
+        frame_gains::remove_gains(&mut self.frames, &mut self.tracks, log_gains);
+    }
+}
+
+/// One explanation of a log but for attenuation and beam pattern.
+#[derive(Clone)]
+struct Explanation {
+    /// the samples without gains and faults of the camera
+    raw: Samples,
+    /// without backscatter too, where there is any
+    direct: Option<Samples>,
+    strobe: StrobePlacement,
+    backscatter: Option<BackscatterFit>,
+    /// α with backscatter modelled, where the settings exclude it (1/m)
+    unmodelled: Option<Bands>,
+    camera: Option<CameraFit>,
+    /// clock and mount that explain the log better than any fault of the camera
+    mounts: Option<MountFit>,
+}
+
+impl Explanation {
+    fn new(raw: Samples, strobe: StrobePlacement, camera: Option<CameraFit>) -> Self {
+        Self {
+            raw,
+            strobe,
+            camera,
+            direct: None,
+            backscatter: None,
+            unmodelled: None,
+            mounts: None,
+        }
+    }
+}
+
+/// Settings and mounts of one estimate.
+#[derive(Clone, Copy)]
+struct Given<'g> {
+    mounts: &'g Mounts,
+    config: &'g EstimateConfig,
+}
+
+/// Samples → model. `settings` are recorded settings of camera and strobe, each a number per frame.
+///
+/// # Errors
+/// [`Error::NotEstimated`](crate::error::Error::NotEstimated) where the chosen estimator, or all,
+/// cannot answer.
+pub fn estimate_model(
+    frames: Vec<FrameSamples>,
+    tracks: Vec<Track>,
+    mounts: &Mounts,
+    settings: &[Vec<f64>],
+    config: &EstimateConfig,
+) -> Result<ModelEstimate> {
+    let given = Given { mounts, config };
+    let raw = Samples { frames, tracks };
+    let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
+    let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
+    let mut explained = given.explained(samples.clone(), None);
+    let mut reported = None;
+    if config.self_calibration != SelfCalibration::Off && config.estimator.may_be_joint() {
+        let mut calibrated = given.calibrated(&samples, &explained);
+        // Gains that came to light may be those that a channel records.
+        let camera = calibrated.as_ref().and_then(|c| c.camera.as_ref());
+        let explaining = camera.map_or_else(Vec::new, |camera| {
+            let mut gains = camera.common_gains();
+            for setting in &followed {
+                let known = setting.log_gains(&settings[setting.index]);
+                gains.iter_mut().zip(known).for_each(|(gain, known)| *gain += known);
+            }
+            exposure::explaining(&gains, settings)
+        });
+        if !explaining.is_empty() {
+            followed = explaining;
+            (samples, log_gains) = given.followed(&raw, &followed, settings);
+            explained = given.explained(samples.clone(), None);
+            calibrated = given.calibrated(&samples, &explained);
+        }
+        match config.self_calibration {
+            SelfCalibration::Auto => explained = calibrated.unwrap_or(explained),
+            _ => reported = calibrated.and_then(|c| c.camera),
+        }
+    }
+    let estimate = finish(explained, (followed, log_gains), given)?;
+    Ok(ModelEstimate { reported, ..estimate })
+}
+
+/// The same gain in all bands.
+fn uniform(log_gains: &[f64]) -> Vec<Bands> {
+    log_gains.iter().map(|gain| [*gain; 3]).collect()
+}
+
+impl Given<'_> {
+    /// Samples without the gains of recorded settings and of frames that stand out, and the latter.
+    /// Seen from the wrong position a frame at the dive's edge seems to have got another light: the
+    /// strobe comes first.
+    fn followed(
+        &self,
+        raw: &Samples,
+        followed: &[FollowedSetting],
+        settings: &[Vec<f64>],
+    ) -> (Samples, Vec<f64>) {
+        let mut samples = raw.clone();
+        samples.follow(followed, settings);
+        let strobe = self.placed(&samples, None);
+        let data = samples.data(self.mounts, strobe.lamps, None);
+        let log_gains = frame_gains::uneven_light(&data, self.config);
+        if log_gains.iter().any(|g| *g != 0.0) {
+            samples.remove_gains(&uniform(&log_gains));
+        }
+        (samples, log_gains)
+    }
+
+    fn placed(&self, samples: &Samples, camera: Option<&CameraFit>) -> StrobePlacement {
+        let data = samples.data(self.mounts, self.mounts.lamps, camera);
+        place_strobe(&data, self.mounts.strobe_is_measured, None, self.config)
+    }
+
+    /// Strobe and backscatter of samples, faults of the camera given.
+    fn explained(&self, mut raw: Samples, camera: Option<CameraFit>) -> Explanation {
+        if let Some(camera) = &camera {
+            camera.remove_from(&mut raw.frames, &mut raw.tracks);
+        }
+        let strobe = self.placed(&raw, camera.as_ref());
+        let is_contradicted = self.mounts.strobe_is_measured && strobe.source.is_some();
+        let kept = is_contradicted.then(|| StrobePlacement::kept(self.mounts.lamps));
+        let mut explained = Explanation::new(raw, strobe, camera);
+        let given = kept.map(|strobe| Explanation { strobe, ..explained.clone() });
+        self.separate_backscatter(&mut explained);
+        let Some(mut given) = given else { return explained };
+        // Backscatter pulls the strobe away, too.
+        self.separate_backscatter(&mut given);
+        if given.backscatter.is_none() || self.cost(&given) > self.cost(&explained) {
+            return explained;
+        }
+        given
+    }
+
+    /// The cost of an explanation, infinite where there is no solve.
+    fn cost(&self, explained: &Explanation) -> f64 {
+        let direct = explained.direct.as_ref().unwrap_or(&explained.raw);
+        let data = direct.data(self.mounts, explained.strobe.lamps, None);
+        cost_with(&data, &sample_path, self.config).unwrap_or(f64::INFINITY)
+    }
+
+    /// Strobe and backscatter, estimated in turn.
+    fn separate_backscatter(&self, found: &mut Explanation) {
+        let Self { mounts, config } = *self;
+        let camera = found.camera.as_ref();
+        let given = found.raw.data(mounts, mounts.lamps, camera);
+        if !given.is_informative(config) {
+            return;
+        }
+        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+        let is_searched = config.strobe_position != StrobePosition::Fixed
+            && (!mounts.strobe_is_measured || config.strobe_position != StrobePosition::Auto);
+        for _ in 0..TURNS {
+            let placed = Dataset { lamps: found.strobe.lamps, ..given };
+            let Some(fit) = backscatter::find(&placed, &given.setup(grid, config)) else {
+                // What was found with the strobe elsewhere does not hold where it is now.
+                (found.backscatter, found.direct) = (None, None);
+                break;
+            };
+            if config.backscatter == Switch::Off {
+                found.unmodelled = Some(fit.attenuation_per_m);
+                break;
+            }
+            let (frames, tracks) = fit.removed_from(&placed);
+            let direct = Samples { frames, tracks };
+            let before = found.strobe.lamps;
+            let start = is_searched.then_some(before);
+            let data = direct.data(mounts, mounts.lamps, camera);
+            let next = place_strobe(&data, mounts.strobe_is_measured, start, config);
+            // A position that cannot be found again stays what it was.
+            if next.source.is_some() || found.strobe.source.is_none() {
+                found.strobe = next;
+            }
+            let moved = found.strobe.lamps.origin().vector() - before.origin().vector();
+            (found.backscatter, found.direct) = (Some(fit), Some(direct));
+            if moved.norm() < SETTLED_M {
+                break;
+            }
+        }
+    }
+
+    /// The explanation with the camera's faults, or with another clock or mount, where that is
+    /// cheaper than the plain one.
+    fn calibrated(&self, samples: &Samples, plain: &Explanation) -> Option<Explanation> {
+        let Self { mounts, config } = *self;
+        if samples.tracks.len() < config.least_pairs || samples.frames.len() < MIN_FRAMES {
+            return None;
+        }
+        let direct = plain.direct.as_ref().unwrap_or(&plain.raw);
+        let mut best = self.calibration(direct, plain.strobe.lamps)?;
+        let least = best.cost_without;
+        if best.camera.is_none() && best.is_quiet {
+            return None;
+        }
+        let is_moved = distance(plain.strobe.lamps, mounts.lamps) > MOVED_M;
+        if (is_moved && mounts.strobe_is_measured) || plain.backscatter.is_some() {
+            let of_given = self.calibration(samples, mounts.lamps);
+            best = of_given.into_iter().fold(best, |a, b| if b.cost < a.cost { b } else { a });
+        }
+        let cheapest = best.cost.min(least);
+        let geometry = self.clock_and_mount(plain);
+        if let Some((found, _)) = geometry.filter(|(_, cost)| *cost < cheapest - LEAST_DECREASE) {
+            return Some(Explanation { mounts: Some(found), ..plain.clone() });
+        }
+        // A fitted curve stays unknown in the solve; uneven gains are part of any explanation.
+        let is_fitted = mounts.camera.transfer == TransferKnown::Fitted;
+        let is_uneven = best.camera.as_ref()?.found.gains;
+        if best.cost > least - LEAST_DECREASE && !is_fitted && !is_uneven {
+            return None;
+        }
+        let explained = self.explained(samples.clone(), best.camera.clone());
+        if distance(explained.strobe.lamps, best.camera.as_ref()?.lamps) < MOVED_M {
+            return Some(explained);
+        }
+        // The strobe and the camera were both off.
+        match self.calibration(samples, explained.strobe.lamps) {
+            Some(next) if next.cost < best.cost - LEAST_DECREASE => {
+                Some(self.explained(samples.clone(), next.camera))
+            }
+            _ => Some(explained),
+        }
+    }
+
+    fn calibration(&self, samples: &Samples, lamps: Lamps) -> Option<Calibration> {
+        let Self { mounts, config } = *self;
+        let data = samples.data(mounts, lamps, None);
+        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+        let seeks_drift = config.drift != Switch::Off && data.is_informative(config);
+        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
+        calibrate(&Dataset { drift: drift.as_ref(), ..data }, mounts.camera, config)
+    }
+
+    /// Clock and mount that contradict the given ones, and the cost with them.
+    fn clock_and_mount(&self, explained: &Explanation) -> Option<(MountFit, f64)> {
+        let Self { mounts, config } = *self;
+        let direct = explained.direct.as_ref().unwrap_or(&explained.raw);
+        let data = direct.data(mounts, explained.strobe.lamps, None);
+        let found = check_mounts(&data, mounts.instrument, config)?;
+        if !found.contradicts_clock() && !found.contradicts_mount() {
+            return None;
+        }
+        let planes = plane_tracks(data.frames);
+        let shifted = found.shifted(&planes, mounts);
+        let cost = cost_with(&data, &|o, lamps| shifted.path(o, lamps), config)?;
+        Some((found, cost))
+    }
+}
+
+/// Between the positions of two strobes (m).
+fn distance(a: Lamps, b: Lamps) -> f64 {
+    (a.origin().vector() - b.origin().vector()).norm()
+}
+
+/// The estimators on an explained log.
+fn finish(
+    explained: Explanation,
+    (followed, drop_outs): (Vec<FollowedSetting>, Vec<f64>),
+    given: Given<'_>,
+) -> Result<ModelEstimate> {
+    let Given { mounts, config } = given;
+    let (known, unmodelled) = (explained.mounts, explained.unmodelled);
+    let Explanation { mut raw, direct, mut strobe, backscatter, camera, .. } = explained;
+    let can_tell = raw.data(mounts, mounts.lamps, None).is_informative(config);
+    let regions = Regions::of(&raw.frames, mounts.body_from_optical);
+    let direct = direct.unwrap_or_else(|| Samples {
+        frames: std::mem::take(&mut raw.frames),
+        tracks: raw.tracks.clone(),
+    });
+    let data = Dataset {
+        strobe_is_free: strobe.source.is_some() || (!mounts.strobe_is_measured && can_tell),
+        backscatter: backscatter.as_ref().map(|b| (b, raw.tracks.as_slice())),
+        unmodelled_backscatter: unmodelled,
+        ..direct.data(mounts, strobe.lamps, camera.as_ref())
+    };
+    let estimated = || {
+        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+        let seeks_drift = config.drift != Switch::Off && can_tell;
+        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
+        estimate(&Dataset { drift: drift.as_ref(), ..data }, config)
+    };
+    let replaces_mounts = known.is_some() && config.self_calibration == SelfCalibration::Auto;
+    let check = || known.or_else(|| check_mounts(&data, mounts.instrument, config));
+    let (mount_fit, estimate) = join(check, estimated);
+    let mut estimate = estimate?;
+    let judgement = estimate.judge(&data, regions.as_ref(), config);
+    if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
+        search.std_m = search.std_m.map(|std| std * estimate.inflation);
+    }
+    let backscatter = backscatter.map(|mut fit| {
+        fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
+        fit
+    });
+    let of_camera = |f: usize| camera.as_ref().map_or([0.0; 3], |c| c.log_gains[f]);
+    let log_gain = |(f, gain): (usize, &f64)| of_camera(f).map(|of_camera| of_camera + gain);
+    Ok(ModelEstimate {
+        estimate,
+        strobe,
+        backscatter,
+        followed,
+        log_gains: drop_outs.iter().enumerate().map(log_gain).collect(),
+        drop_outs: drop_outs.iter().filter(|g| **g != 0.0).count(),
+        camera,
+        reported: None,
+        mounts: mount_fit,
+        replaces_mounts,
+        frames: direct.frames,
+        judgement,
+    })
+}

@@ -1,0 +1,136 @@
+//! What a log shows of its camera, clock and mounts, in `model.json`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::image::Bands;
+
+/// The camera, as far as it differs from one with fixed gain, an even lens and the transfer curve
+/// that its encoding implies.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CameraFile {
+    /// vignetting
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vignetting: Option<VignettingFile>,
+    /// what the sensor adds to every pixel value, per band (share of full scale)
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub black_level: Option<Vec<f64>>,
+    /// transfer curve
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub response: Option<ResponseFile>,
+    /// the law by which the camera sets its gain
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain_law: Option<GainLawFile>,
+    /// gains of the frames, where they are uneven
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gains: Option<GainsFile>,
+    /// residual of the solve without and with all this (log light)
+    pub residual: [f64; 2],
+}
+
+/// Vignetting: `e^(v₁q + v₂q² + v₃q³)`, q the squared distance from the principal point in the
+/// image plane, at focal length 1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VignettingFile {
+    /// v₁ to v₃
+    pub coefficients: [f64; 3],
+    /// light that is lost in the corner (share)
+    pub corner_loss: f64,
+}
+
+impl VignettingFile {
+    /// What the lens transmits at x, y of the image plane (share).
+    pub fn transmission(&self, x: f64, y: f64) -> f64 {
+        let q = x * x + y * y;
+        self.coefficients.iter().rev().fold(0.0, |sum, v| (sum + v) * q).exp()
+    }
+}
+
+/// A transfer curve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResponseFile {
+    /// `linear`, `gamma:G`, or `fitted`
+    pub transfer: String,
+    /// pixel value and linear light, both shares of full scale
+    pub points: Vec<[f64; 2]>,
+}
+
+/// The law of a camera that sets its own gain: log gain of a frame = κ m + κ' (m_Λ − m), where m_Λ
+/// is the log of the frame's mean linear light in a band over `log_level`, and m its mean over the
+/// bands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GainLawFile {
+    /// κ: auto-exposure
+    pub exposure: f64,
+    /// κ': auto white balance
+    pub white_balance: f64,
+    /// log of the mean linear light over the log, per band
+    pub log_level: Vec<f64>,
+}
+
+impl GainLawFile {
+    /// Log gains of a frame by its mean linear light.
+    pub fn log_gains(&self, mean_light: &Bands) -> Bands {
+        let bands = self.log_level.len();
+        let over = |b: usize| mean_light[b].max(1e-6).ln() - self.log_level[b];
+        let mean = (0..bands).map(over).sum::<f64>() / bands.max(1) as f64;
+        std::array::from_fn(|b| {
+            if b < bands {
+                self.exposure * mean + self.white_balance * (over(b) - mean)
+            } else {
+                0.0
+            }
+        })
+    }
+}
+
+/// Uneven gains of frames.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GainsFile {
+    /// standard deviation beside the law: shared by the bands, and each band's own (log light)
+    pub std: [f64; 2],
+    /// from the lowest to the highest gain of the sampled frames (stops)
+    pub range_stops: f64,
+}
+
+/// Clock and mount that fit the log better than those given, and are used.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GeometryFile {
+    /// added to the camera's stamps (s)
+    pub clock_offset_s: f64,
+    /// rotation body_from_dvl, as a quaternion x, y, z, w
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dvl_rotation_xyzw: Option<[f64; 4]>,
+}
+
+impl CameraFile {
+    /// In one line, for people.
+    pub fn summary(&self) -> String {
+        let mut parts = Vec::new();
+        if let Some(law) = &self.gain_law {
+            let strong = |kappa: f64| kappa < -0.2;
+            match (strong(law.exposure), strong(law.white_balance)) {
+                (true, true) => parts.push("auto-exposure and auto white balance".to_string()),
+                (false, true) => parts.push("auto white balance".to_string()),
+                _ => parts.push("auto-exposure".to_string()),
+            }
+        }
+        if let Some(gains) = &self.gains {
+            let what = if self.gain_law.is_some() { "over" } else { "uneven gain over" };
+            parts.push(format!("{what} {:.1} stops", gains.range_stops));
+        }
+        if let Some(vignetting) = &self.vignetting {
+            parts.push(format!("vignetting {:.0} % at the corner", 100.0 * vignetting.corner_loss));
+        }
+        if let Some(level) = &self.black_level {
+            let mean = level.iter().sum::<f64>() / level.len().max(1) as f64;
+            parts.push(format!("black level {:.2} % of full scale", 100.0 * mean));
+        }
+        if let Some(response) = &self.response {
+            let curve = if response.transfer == "fitted" { "fitted" } else { &response.transfer };
+            parts.push(format!("transfer curve {curve}"));
+        }
+        parts.join(", ").replace(", over ", " over ")
+    }
+}

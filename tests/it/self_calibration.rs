@@ -1,0 +1,173 @@
+//! Faults of camera, strobe position and clock that no channel reports: rendered, estimated,
+//! corrected and compared with the truth.
+use crate::support::evenness::Evenness;
+use crate::support::judge::{Verdict, assert_within, run_and_show};
+use crate::support::render::conditions::{Conditions, Response, SettingsMessage};
+use crate::support::render::{Dive, DvlType, Sensor};
+use unwater::config::SelfCalibration;
+use unwater::model::LightLaw;
+use unwater::session::Options;
+
+fn dive(seed: u64, conditions: Conditions) -> Dive {
+    Dive { seed, frames: 40, conditions, ..Dive::default() }
+}
+
+/// Runs a dive, and measures how even its corrected images are.
+fn judged(dive: &Dive, options: &Options) -> (Verdict, Evenness) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (verdict, truth, images) = run_and_show(dive, options, folder.path());
+    let blocks = dive.width / 4 * (dive.height / 4);
+    let none = vec![vec![false; blocks]; images.len()];
+    let evenness = Evenness::of(dive, &truth, &images, &none);
+    (verdict, evenness)
+}
+
+/// Attenuation within `bound_per_m` and three standard deviations, images as even as
+/// `[flat, cv, hue]`.
+fn assert_calibrated(what: &str, dive: &Dive, bound_per_m: f64, images: [f64; 3]) -> Verdict {
+    let (v, evenness) = judged(dive, &Options::default());
+    let of_bands = v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m);
+    for (band, (error, std)) in of_bands.enumerate() {
+        assert_within(&format!("{what}: attenuation, band {band} [1/m]"), *error, bound_per_m);
+        assert!(error.abs() <= 3.0 * std, "{what}: {error:.4} is not {std:.4}");
+    }
+    assert!(v.model.identified, "{what}: {:?}", v.model.not_identified_because);
+    assert_within(&format!("{what}: flat"), evenness.flat, images[0]);
+    assert_within(&format!("{what}: brightness over frames"), evenness.cv, images[1]);
+    assert_within(&format!("{what}: hue over frames"), evenness.hue, images[2]);
+    v
+}
+
+#[test]
+fn a_camera_without_fault_selects_nothing() {
+    let (v, _) = judged(&dive(201, Conditions::default()), &Options::default());
+    assert_eq!((v.model.camera, v.model.geometry), (None, None));
+    assert!(v.model.frame_gains.is_empty());
+}
+
+#[test]
+fn auto_exposure_and_white_balance_are_compensated() {
+    let automatic =
+        Conditions { auto_exposure: 0.8, auto_white_balance: 0.5, ..Conditions::default() };
+    let dive = dive(202, automatic);
+    let v = assert_calibrated("automatic", &dive, 0.015, [1.03, 0.019, 0.006]);
+    let camera = v.model.camera.expect("a camera");
+    let law = camera.gain_law.expect("a law");
+    assert!(law.exposure < -1.5 && law.white_balance < -0.5, "{law:?}");
+    assert!(camera.gains.is_some_and(|gains| gains.range_stops > 1.0));
+
+    // Found, but not compensated.
+    let mut options = Options::default();
+    options.config.estimate.self_calibration = SelfCalibration::Report;
+    let (reported, uneven) = judged(&dive, &options);
+    assert!(reported.model.camera.is_none() && uneven.cv > 0.03, "{uneven:?}");
+    let codes = reported.report.diagnostics.iter();
+    let text: Vec<String> = codes.map(|d| format!("{d:?}")).collect();
+    assert!(text.iter().any(|d| d.contains("CameraReported")), "{text:?}");
+}
+
+#[test]
+fn a_flickering_strobe_is_compensated() {
+    let flicker = Conditions { strobe_flicker: 0.05, ..Conditions::default() };
+    assert_calibrated("flicker", &dive(203, flicker), 0.010, [1.03, 0.015, 0.003]);
+}
+
+#[test]
+fn vignetting_is_told_from_the_beam_pattern() {
+    let lens = Conditions { vignetting_exponent: 4.0, ..Conditions::default() };
+    let v = assert_calibrated("vignetting", &dive(204, lens), 0.004, [1.02, 0.005, 0.003]);
+    let vignetting = v.model.camera.and_then(|c| c.vignetting).expect("vignetting");
+    // cos⁴ of the angle off the axis.
+    for (x, y) in [(0.2, 0.1), (0.35, 0.0), (0.3, 0.25)] {
+        let expected = 1.0 / (1.0f64 + x * x + y * y).powi(2);
+        let ratio = vignetting.transmission(x, y) / expected;
+        assert_within("vignetting: transmission, relative", ratio - 1.0, 0.01);
+    }
+}
+
+#[test]
+fn a_black_level_is_told_from_backscatter() {
+    let pedestal = Conditions { black_level: 0.01, ..Conditions::default() };
+    let v = assert_calibrated("black level", &dive(205, pedestal), 0.005, [1.02, 0.006, 0.004]);
+    let level = v.model.camera.and_then(|c| c.black_level).expect("a black level");
+    for of_band in level {
+        assert_within("black level: of full scale", of_band - 0.01, 0.001);
+    }
+}
+
+#[test]
+fn another_transfer_curve_is_recognised() {
+    let coded = |response| Dive {
+        sensor: Sensor::Jpeg(92),
+        ..dive(206, Conditions { response, ..Conditions::default() })
+    };
+    let named = [(Response::Gamma22, "gamma:2.2"), (Response::Linear, "linear")];
+    for (response, name) in named {
+        let v = assert_calibrated(name, &coded(response), 0.012, [1.03, 0.006, 0.004]);
+        let found = v.model.camera.and_then(|c| c.response).expect("a curve");
+        assert_eq!(found.transfer, name);
+    }
+    let contrast = coded(Response::Contrast);
+    let v = assert_calibrated("contrast curve", &contrast, 0.012, [1.03, 0.006, 0.004]);
+    let found = v.model.camera.and_then(|c| c.response).expect("a curve");
+    assert_eq!(found.transfer, "fitted");
+}
+
+#[test]
+fn a_late_camera_clock_is_corrected() {
+    let late = Conditions { stamp_delay_s: 0.25, ..Conditions::default() };
+    let v = assert_calibrated("clock", &dive(207, late), 0.004, [1.02, 0.005, 0.003]);
+    let geometry = v.model.geometry.expect("a clock");
+    assert_within("clock: offset [s]", geometry.clock_offset_s + 0.25, 0.02);
+    assert!(v.model.camera.is_none(), "{:?}", v.model.camera);
+}
+
+#[test]
+fn a_strobe_that_is_elsewhere_is_moved() {
+    let mount = Conditions { strobe_mount_error_m: [0.2, 0.0, 0.0], ..Conditions::default() };
+    let v = assert_calibrated("strobe", &dive(208, mount), 0.004, [1.02, 0.005, 0.003]);
+    assert!(v.model.strobe.expect("a strobe").source.is_estimated());
+    assert!(v.model.camera.is_none(), "{:?}", v.model.camera);
+}
+
+#[test]
+fn recorded_settings_that_follow_altitude_are_believed() {
+    let laws = |message: SettingsMessage| {
+        let recorded = Conditions { settings: Some(message), ..Conditions::default() };
+        let dive = dive(209, recorded);
+        let v = assert_calibrated("settings", &dive, 0.004, [1.02, 0.004, 0.002]);
+        v.model.light_settings.iter().map(|s| s.law).collect::<Vec<_>>()
+    };
+    assert_eq!(laws(SettingsMessage::Stops), [LightLaw::Stop]);
+    let mut both = laws(SettingsMessage::ImageMetaData);
+    both.sort_by_key(|law| law.word());
+    assert_eq!(both, [LightLaw::Factor, LightLaw::Decibel]);
+}
+
+#[test]
+fn a_bare_altimeter_takes_its_slopes_from_the_attitude() {
+    let dive = Dive { dvl: DvlType::Altimeter, ..dive(210, Conditions::default()) };
+    assert_calibrated("altimeter", &dive, 0.0155, [1.085, 0.057, 0.01]);
+}
+
+/// A lamp of another pattern that is absent from the transforms is not modelled: that must show.
+#[test]
+fn a_confident_wrong_number_is_not_given() {
+    use crate::support::render::conditions::SecondLamp;
+    let lamp = Conditions { second_lamp: SecondLamp::Unlisted, ..Conditions::default() };
+    let without_imu =
+        Dive { dvl: DvlType::Altimeter, with_imu: false, ..dive(211, Conditions::default()) };
+    let sunlit = Conditions { daylight: 0.2, has_depth_sensor: true, ..Conditions::default() };
+    let dives = [
+        ("second lamp", dive(212, lamp)),
+        ("no attitude", without_imu),
+        ("daylight", dive(213, sunlit)),
+    ];
+    for (what, dive) in dives {
+        let (v, _) = judged(&dive, &Options::default());
+        let z = v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m);
+        let z = z.map(|(error, std)| error.abs() / std).fold(0.0, f64::max);
+        println!("measured {what}: identified {}, z {z:.1}", v.model.identified);
+        assert!(!v.model.identified || z < 3.0, "{what}: {:.4?}", v.attenuation_error_per_m);
+    }
+}
