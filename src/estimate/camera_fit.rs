@@ -148,7 +148,7 @@ impl CameraFit {
         is_measured
     }
 
-    /// The fit at full precision of the curve: whether pixel values have to be read anew.
+    /// The fit at full precision of the curve: whether pixel values have to be read again.
     pub fn changes_reading(&self) -> bool {
         self.curve.transfer.is_some() || self.curve.knots != [0.0; KNOTS]
     }

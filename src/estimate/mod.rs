@@ -1,10 +1,11 @@
 //! Pass one: samples → imaging model (paper §IV-B, IV-C).
 //!
 //! Samples are taken from images once ([`sample_frame`]), matched and joined to `tracks`;
-//! from then on only samples count, so that estimators run in moments in a test. The sequence:
+//! from then on only samples count, so that estimators run in moments in a test. `sequence`:
 //! recorded exposures and drop-outs are divided out, the strobe is located, backscatter is
-//! separated, and then the estimators of `methods` run side by side; `quality` tells how far the
-//! answer can be trusted.
+//! separated, the camera is calibrated (`self_calibration`), and then the estimators of `methods`
+//! run side by side; `quality` gives how far the answer can be trusted, `verdict` whether the
+//! correction helps.
 
 mod angular_bins;
 mod backscatter;

@@ -1,7 +1,7 @@
 //! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter, the
 //! camera, then the estimators.
 //!
-//! What is off in a log (strobe, clock, backscatter, camera) looks alike in the residual. So the
+//! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual. So the
 //! log is first explained without faults of the camera; where that leaves uneven gains, faults of
 //! the camera compete with it by their cost (`self_calibration`), and the cheaper explanation is
 //! taken.

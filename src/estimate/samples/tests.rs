@@ -4,7 +4,7 @@ use crate::geometry::SeafloorPlane;
 use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
 /// What is asked of a view of 640×480 pixels, over a floor that tips by so much about the
-/// picture's rows.
+/// image's rows.
 fn over<T>(tipped_deg: f64, ask: impl FnOnce(&View<'_>) -> T) -> T {
     let (sin, cos) = tipped_deg.to_radians().sin_cos();
     let camera = Camera::from_field_of_view(640, 480, 60.0);
@@ -39,7 +39,7 @@ fn metres(u: f64, v: f64, tipped_deg: f64) -> [f64; 2] {
 
 #[test]
 fn ladders_go_as_far_up_as_the_coarsest_corner() {
-    assert!((over(0.0, coarsest_m) - 2.0).abs() < 1e-2, "a level floor is alike all over");
+    assert!((over(0.0, coarsest_m) - 2.0).abs() < 1e-2, "a level floor is the same everywhere");
     let [near, far] =
         [metres(0.0, 0.0, 30.0), metres(0.0, 479.0, 30.0)].map(|[a, b]| (a * b).sqrt());
     assert!(

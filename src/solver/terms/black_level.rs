@@ -1,4 +1,4 @@
-//! Black level per band: what the sensor adds to every pixel value. It is told from backscatter by
+//! Black level per band: what the sensor adds to every pixel value. It differs from backscatter by
 //! being the same at every range. Steps from the state in hand; d log D = dk / D at given light.
 
 use super::{Equation, Prior, Row, Term};
