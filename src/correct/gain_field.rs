@@ -2,8 +2,8 @@
 //! `render.gain_error` allows.
 //!
 //! ```text
-//! exact, every few dozen pixels      θ, φ, all parts of Eq. 15 but BP, backscatter: smooth over the image
-//!   bilinear, on nodes in between    log BP(θ, φ) looked up: it has edges where its own bilinear grid has nodes
+//! exact, every few dozen pixels      θ, φ, all parts of Eq. 15 but BP, backscatter: smooth
+//!   bilinear, on nodes in between    log BP(θ, φ) looked up: it has edges where its grid has nodes
 //!     bilinear, on pixels            the gain, row by row
 //! ```
 //!

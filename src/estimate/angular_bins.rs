@@ -1,7 +1,7 @@
 //! The beam pattern from angular bins (paper §IV-C, Eq. 17, Fig. 9).
 //!
 //! ```text
-//! log BP(θ_i, φ_j) = mean over bands Λ and pixels p of  log c_Λ + α_Λ ℓ + spreading − log cos γ       Eq. 17
+//! log BP(θ_i, φ_j) = mean over bands Λ and pixels p of log c_Λ + α_Λ ℓ + spreading − log cos γ   Eq. 17
 //! ```
 //!
 //! As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one log BP, so the sum of

@@ -6,7 +6,7 @@
 //! those are corrected, all others keep gain 1.
 //!
 //! ```text
-//! e_o = log c − log radiance = ρ_t + g_f        tracks t, frames f; ρ eliminated, g held to 0 weakly
+//! e_o = log c − log radiance = ρ_t + g_f     tracks t, frames f; ρ eliminated, g held to 0 weakly
 //! ```
 
 use nalgebra::DVector;

@@ -2,8 +2,9 @@
 //! is.
 //!
 //! ```text
-//! B_Λ = b_Λ S_Λ        S_Λ = ∫₀^ℓ_s BP(θ, φ) / l² · e^(−a_Λ (l + s)) ds        l: strobe to the place s along the pixel's ray
+//! B_Λ = b_Λ S_Λ        S_Λ = ∫₀^ℓ_s BP(θ, φ) / l² · e^(−a_Λ (l + s)) ds
 //! ```
+//! with l the length from the strobe to the place s along the pixel's ray.
 //!
 //! Eq. 5 has a field that is even along the ray and so depends on range alone; a strobe's is not,
 //! and its scattered light depends on where the strobe is: S is single scattering of the strobe's

@@ -1,7 +1,7 @@
 //! Attenuation from one point seen twice (paper §IV-B, Eq. 16, Fig. 8).
 //!
 //! ```text
-//! α_Λ = (y_Λ,1 − y_Λ,2) / (ℓ_2 − ℓ_1)      y = log c without beam pattern, spreading, cos γ   Eq. 16
+//! α_Λ = (y_Λ,1 − y_Λ,2) / (ℓ_2 − ℓ_1)   y = log c without beam pattern, spreading, cos γ   Eq. 16
 //! ```
 //!
 //! A pair weighs more, the more its path lengths differ: the values of one image are averaged with

@@ -1,5 +1,5 @@
 //! Vignetting of lens and sensor: V = v₁ϱ² + v₂ϱ⁴ + v₃ϱ⁶ (log light), ϱ the image radius, 1 at the
-//! corner. It separates from the beam pattern by changes of altitude, as the strobe is off the axis.
+//! corner. Changes of altitude separate it from the beam pattern, as the strobe is off the axis.
 
 use super::{Equation, Prior, Row, Term};
 use crate::solver::camera::VIGNETTING_TERMS;
