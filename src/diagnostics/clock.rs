@@ -66,6 +66,12 @@ facts! {
                   stamps (residual {:.4} instead of {:.4})", residual[1], residual[0]),
             remedy("write {time_offset_s:.3} for this topic under [time_offset_s] in a rig file; \
                     --self-calibration report keeps the stamps");
+        /// The logs of a model had an offset that this log is not corrected with.
+        Warning "camera-clock-of-other-logs" OfOtherLogs { time_offset_s: f64 },
+            text("the model's logs have stamps of the camera that are off by {time_offset_s:+.3} \
+                  s; the stamps of this log are used as they are"),
+            remedy("where this log has the same offset, write {time_offset_s:.3} for this topic \
+                    under [time_offset_s] in a rig file");
         /// Images fit the seafloor better at other times; `time_offset_s` is the rig key's value.
         Warning "camera-clock-contradicted" CameraContradicted {
             offset_s: f64,

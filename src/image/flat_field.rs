@@ -2,6 +2,8 @@
 //! vignetting formula or from an image of an evenly lit surface. Divided out of every image before
 //! all other steps, and before demosaicing.
 
+use std::borrow::Cow;
+
 use super::demosaic::BayerPattern;
 use super::{Bands, LinearImage, SensorImage};
 
@@ -10,10 +12,21 @@ const MIN_TRANSMISSION: f32 = 0.02;
 /// Quantile of an image that counts as transmission 1; single pixels may be outliers.
 const WHITE_QUANTILE: f64 = 0.99;
 
+/// What a transmission is known by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Source {
+    /// nothing: it is 1
+    Even,
+    /// smooth, so that images of another size of the same camera can use it
+    Formula,
+    Image,
+}
+
 /// Transmission per pixel and band; 1 at the brightest pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatField {
     transmission: LinearImage,
+    source: Source,
     /// black level per band, subtracted before (share of full scale)
     dark: Bands,
 }
@@ -27,7 +40,17 @@ impl FlatField {
                 .enumerate()
                 .for_each(|(x, v)| *v = (at(x as f64, y as f64) as f32).max(MIN_TRANSMISSION));
         }
-        Self { transmission, dark: [0.0; 3] }
+        Self { transmission, source: Source::Formula, dark: [0.0; 3] }
+    }
+
+    /// Of transmission 1.
+    pub fn even(width: usize, height: usize) -> Self {
+        Self { source: Source::Even, ..Self::from_fn(width, height, |_, _| 1.0) }
+    }
+
+    /// Whether its transmission is 1.
+    pub fn is_even(&self) -> bool {
+        self.source == Source::Even
     }
 
     /// The same with a black level per band (share of full scale).
@@ -36,9 +59,12 @@ impl FlatField {
         Self { dark, ..self }
     }
 
-    /// From an image of an evenly lit surface; each band is normalised to 1.
-    pub fn from_image(mut image: LinearImage) -> Self {
+    /// From an image of an evenly lit surface by a camera of this black level; each band is
+    /// normalised to 1.
+    pub fn from_image(mut image: LinearImage, dark: Bands) -> Self {
         for band in 0..image.bands {
+            let of_band = image.pixels.iter_mut().skip(band).step_by(image.bands);
+            of_band.for_each(|v| *v -= dark[band] as f32);
             let mut values: Vec<f32> =
                 image.pixels.iter().skip(band).step_by(image.bands).copied().collect();
             let rank = ((values.len() - 1) as f64 * WHITE_QUANTILE) as usize;
@@ -50,7 +76,31 @@ impl FlatField {
                 .step_by(image.bands)
                 .for_each(|v| *v = (*v / white.max(1e-9)).max(MIN_TRANSMISSION));
         }
-        Self { transmission: image, dark: [0.0; 3] }
+        Self { transmission: image, source: Source::Image, dark }
+    }
+
+    /// The flat field of images of another size that show the same view. One from an image is of
+    /// its own size only.
+    ///
+    /// # Errors
+    /// The sizes differ.
+    pub fn for_size(&self, width: usize, height: usize) -> Result<Cow<'_, Self>, String> {
+        let image = &self.transmission;
+        match self.check_size(width, height) {
+            Ok(()) => Ok(Cow::Borrowed(self)),
+            Err(e) if self.source == Source::Image => Err(e),
+            Err(_) => {
+                let place = |at: f64, from: usize, to: usize| {
+                    (((at + 0.5) * from as f64 / to as f64) as usize).min(from - 1)
+                };
+                let scaled = Self::from_fn(width, height, |x, y| {
+                    let (column, row) =
+                        (place(x, image.width, width), place(y, image.height, height));
+                    f64::from(image.at(column, row)[0])
+                });
+                Ok(Cow::Owned(Self { source: self.source, dark: self.dark, ..scaled }))
+            }
+        }
     }
 
     /// Divides an image.
@@ -101,6 +151,22 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_formula_fits_images_of_another_size_and_an_image_does_not() {
+        let falloff = |x: f64, y: f64| 1.0 / (1.0 + (x - 20.0).hypot(y - 15.0) / 90.0);
+        let field = FlatField::from_fn(40, 30, falloff).with_dark([0.01; 3]);
+        let half = field.for_size(20, 15).expect("a formula");
+        let mut image = SensorImage { light: LinearImage::new(20, 15, 1), mosaic: None };
+        for (i, v) in image.light.pixels.iter_mut().enumerate() {
+            let (x, y) = (2.0 * (i % 20) as f64 + 0.5, 2.0 * (i / 20) as f64 + 0.5);
+            *v = (0.5 * falloff(x, y) + 0.01) as f32;
+        }
+        half.divide(&mut image).expect("its size");
+        assert!(image.light.pixels.iter().all(|v| (v - 0.5).abs() < 0.01), "{image:?}");
+        let flat = FlatField::from_image(LinearImage::new(40, 30, 1), [0.0; 3]);
+        assert!(flat.for_size(20, 15).is_err() && flat.for_size(40, 30).is_ok());
+    }
+
+    #[test]
     fn an_image_of_an_evenly_lit_surface_becomes_uniform() {
         let falloff =
             |x: f64, y: f64| 1.0 / (1.0 + ((x - 20.0).powi(2) + (y - 15.0).powi(2)) / 900.0);
@@ -109,7 +175,9 @@ mod tests {
             let lit = falloff((i % 41) as f64, (i / 41) as f64) as f32;
             pixel.copy_from_slice(&[0.5 * lit, 0.25 * lit, 0.75 * lit]);
         }
-        for field in [FlatField::from_fn(41, 31, falloff), FlatField::from_image(light.clone())] {
+        for field in
+            [FlatField::from_fn(41, 31, falloff), FlatField::from_image(light.clone(), [0.0; 3])]
+        {
             let mut image = SensorImage { light: light.clone(), mosaic: None };
             field.divide(&mut image).expect("one size");
             let spread = |b: usize| {

@@ -97,8 +97,9 @@ pub struct GainsFile {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct GeometryFile {
-    /// added to the camera's stamps (s)
-    pub clock_offset_s: f64,
+    /// added to the camera's recorded stamps, instead of what the rig file says (s)
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clock_offset_s: Option<f64>,
     /// rotation body_from_dvl, as a quaternion x, y, z, w
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dvl_rotation_xyzw: Option<[f64; 4]>,

@@ -165,6 +165,7 @@ impl CorrectedLog {
             options.rig.time_offset_s.extend(offset.map(|s| (topic.to_string(), s)));
             let facts = &mut options.rig.camera;
             (facts.flat_field, facts.vignetting, facts.response) = (None, None, None);
+            (facts.black_level, file.camera) = (None, None);
             options.config.light = Default::default();
             file.rendering.white_level = None;
         }

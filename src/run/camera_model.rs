@@ -36,8 +36,14 @@ impl CameraModel {
         if let Some(camera) = &file.camera {
             survey.take_camera(camera)?;
         }
-        if let Some(geometry) = &file.geometry {
-            survey.take_geometry(geometry, &session.config.seafloor);
+        if let Some(mut geometry) = file.geometry.clone() {
+            // A clock is that of a recording.
+            let own = session.recording.sha256()?;
+            let is_own = |sha256: &str| sha256 == own || Some(sha256) == source_sha256;
+            if !file.inputs.iter().any(|input| is_own(&input.sha256)) {
+                geometry.clock_offset_s = None;
+            }
+            survey.take_geometry(&geometry, &session.config.seafloor);
         }
         Ok(Self {
             prepared: PreparedModel::new(file.imaging_model().map_err(Error::Usage)?),

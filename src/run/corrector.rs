@@ -95,7 +95,7 @@ impl<'c> Corrector<'c> {
         let (gain, balance) = gain_and_balance(self.model.frame_gain(self.session, frame));
         let raw = correct::Frame {
             codes: &frame.pixels,
-            flat_field: self.session.survey.flat_field.as_ref(),
+            flat_field: frame.flat_field.as_deref(),
             view: &frame.view(),
             gain,
             balance,

@@ -130,12 +130,13 @@ fn keep(before: &ModelFile, model: &mut ModelFile) {
         model.diagnostics.retain(|d| !is_of_camera(d));
         model.diagnostics.push(EstimateFact::CameraFound { summary }.into());
     }
-    if let Some(mut geometry) = before.geometry.clone() {
-        if let Some(further) = &model.geometry {
-            geometry.clock_offset_s += further.clock_offset_s;
-            geometry.dvl_rotation_xyzw = further.dvl_rotation_xyzw.or(geometry.dvl_rotation_xyzw);
-        }
-        model.geometry = Some(geometry);
+    if let Some(before_it) = &before.geometry {
+        let GeometryFile { clock_offset_s, dvl_rotation_xyzw } =
+            model.geometry.clone().unwrap_or_default();
+        model.geometry = Some(GeometryFile {
+            clock_offset_s: clock_offset_s.or(before_it.clock_offset_s),
+            dvl_rotation_xyzw: dvl_rotation_xyzw.or(before_it.dvl_rotation_xyzw),
+        });
         model.mount_check = before.mount_check.clone();
     }
     let of_before = before.diagnostics.iter().filter(|d| is_of_replaced(d)).cloned();

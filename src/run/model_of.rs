@@ -70,7 +70,11 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     let file = ModelFile {
         strobe: Some(strobe_file(&found.strobe, rig)),
         mount_check: found.mounts.as_ref().map(mount_check),
-        geometry: found.mounts.as_ref().filter(|_| found.replaces_mounts).map(|m| replaced(m, rig)),
+        geometry: found
+            .mounts
+            .as_ref()
+            .filter(|_| found.replaces_mounts)
+            .map(|m| replaced(m, rig, first.survey.camera_offset_s)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
         camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
         frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
@@ -114,12 +118,11 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
         diagnostics.push(EstimateFact::BackscatterUnknown.into());
     }
     if let Some(mounts) = &found.mounts {
-        let Survey { rig, camera_topic, .. } = &first.survey;
-        let offset_s = options.rig.time_offset_s.get(camera_topic).copied().unwrap_or(0.0);
+        let Survey { rig, camera_topic, camera_offset_s: offset_s, .. } = &first.survey;
         diagnostics.extend(if found.replaces_mounts {
-            replaced_diagnostics(mounts, camera_topic, offset_s)
+            replaced_diagnostics(mounts, camera_topic, *offset_s)
         } else {
-            mount_diagnostics(mounts, rig, camera_topic, offset_s)
+            mount_diagnostics(mounts, rig, camera_topic, *offset_s)
         });
     }
     diagnostics
@@ -132,7 +135,8 @@ fn camera_known(session: &CameraSession, frames: &[FrameSamples]) -> CameraKnown
         TransferKnown::Assumed if frames.iter().any(|f| !f.is_srgb) => TransferKnown::Surely,
         known => known,
     };
-    CameraKnown { transfer, flat_field: survey.flat_field.is_some(), black_level: false }
+    let [flat_field, black_level] = survey.flat_field_given;
+    CameraKnown { transfer, flat_field, black_level }
 }
 
 /// What was found of the camera; `assumed` is the transfer curve that the frames were sampled by.

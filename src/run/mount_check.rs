@@ -7,11 +7,12 @@ use crate::estimate::MountFit;
 use crate::model::{GeometryFile, MountCheckFile};
 use crate::vehicle::Rig;
 
-/// Clock and mount that are used instead of those given.
-pub fn replaced(found: &MountFit, rig: &Rig) -> GeometryFile {
+/// Clock and mount that are used instead of those given. `offset_s` is added to the stamps of the
+/// camera already (s).
+pub fn replaced(found: &MountFit, rig: &Rig, offset_s: f64) -> GeometryFile {
     let is_mounts = found.contradicts_mount() && !found.turn_is_attitudes;
     GeometryFile {
-        clock_offset_s: if found.contradicts_clock() { found.clock_offset_s } else { 0.0 },
+        clock_offset_s: found.contradicts_clock().then_some(offset_s + found.clock_offset_s),
         dvl_rotation_xyzw: is_mounts.then(|| rotated_mount(found, rig).coords.into()),
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::config::Estimator;
 use crate::correct::MeanFrames;
-use crate::diagnostics::{Diagnostic, EstimateFact};
+use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, samples_for_model};
 use crate::image::Bands;
@@ -59,7 +59,10 @@ impl ReadyCamera {
             Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
                 (file, MeanFrames::default())
             }
-            Some(file) => expose(&session, file, options, threads, progress)?,
+            Some(file) => {
+                let CameraModel { file, .. } = CameraModel::new(&mut session, file, None)?;
+                expose(&session, file, options, threads, progress)?
+            }
         };
         // Exposure belongs to the model, the treatment of highlights to this run.
         file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
@@ -135,6 +138,10 @@ fn model_diagnostics(session: &CameraSession, model: &CameraModel) -> Result<Vec
         let frames = model.gains_of_other_logs();
         let unused = (frames > 0).then_some(EstimateFact::GainsOfOtherLogs { frames });
         diagnostics.extend(unused.map(Diagnostic::from));
+        let offset_s = model.file.geometry.as_ref().and_then(|g| g.clock_offset_s);
+        let topic = &session.survey.camera_topic;
+        let clock = |time_offset_s| ClockFact::OfOtherLogs { time_offset_s };
+        diagnostics.extend(offset_s.map(|s| Diagnostic::on(topic, clock(s))));
     }
     Ok(diagnostics)
 }

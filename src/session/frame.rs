@@ -1,11 +1,14 @@
 //! Message → frame: pixel values and geometry. Both passes and every product build frames here and
 //! nowhere else.
 
+use std::borrow::Cow;
+
 use super::camera::CameraSession;
 use super::index::FrameRef;
 use crate::diagnostics::Reason;
 use crate::geometry::{NoSeafloor, SeafloorPlane, Terrain, View};
 use crate::image::decode::{CameraResponse, PixelValues, read_pixels_with};
+use crate::image::flat_field::FlatField;
 use crate::image::noise::Noise;
 use crate::image::{EncodedImage, SensorImage};
 use crate::messages::value::Value;
@@ -30,6 +33,8 @@ pub struct Frame<'f> {
     pub at: FrameRef,
     /// its image
     pub pixels: PixelValues<'f>,
+    /// vignetting and black level for the size of its image
+    pub flat_field: Option<Cow<'f, FlatField>>,
     /// calibration for the size of its image
     pub camera: Camera,
     /// seafloor below it
@@ -88,10 +93,10 @@ impl CameraSession {
         let encoded = (image.decode)(&image.value).map_err(undecodable)?;
         let pixels = read_pixels_with(&encoded, self.response(), buffer).map_err(undecodable)?;
         let (width, height) = (pixels.width, pixels.height);
-        let flat_field = self.survey.flat_field.as_ref();
-        if flat_field.is_some_and(|flat| flat.check_size(width, height).is_err()) {
+        let flat_field = self.survey.flat_field.as_ref().map(|f| f.for_size(width, height));
+        let Ok(flat_field) = flat_field.transpose() else {
             return Err(unusable(Reason::WrongSize, None, None));
-        }
+        };
         let plane = match self.seafloor(image.at.stamp) {
             Ok(plane) => plane,
             Err(e) => return Err(unusable(no_seafloor(&e), Some(pixels), None)),
@@ -100,7 +105,7 @@ impl CameraSession {
             return Err(unusable(Reason::WrongSize, Some(pixels), Some(plane)));
         };
         let terrain = self.survey.pings.terrain(image.at.stamp, &plane, &self.survey.rig);
-        Ok(Frame { at: image.at, pixels, camera, plane, terrain, session: self })
+        Ok(Frame { at: image.at, pixels, flat_field, camera, plane, terrain, session: self })
     }
 
     /// How pixel values of this camera relate to light.
@@ -153,8 +158,7 @@ impl Frame<'_> {
     /// The flat field has another size.
     pub fn light(&self, buffer: Vec<f32>) -> Result<SensorImage, String> {
         let mut image = self.pixels.to_linear(buffer);
-        let flat_field = self.session.survey.flat_field.as_ref();
-        flat_field.map_or(Ok(()), |flat| flat.divide(&mut image))?;
+        self.flat_field.as_ref().map_or(Ok(()), |flat| flat.divide(&mut image))?;
         Ok(image)
     }
 

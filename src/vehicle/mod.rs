@@ -18,6 +18,6 @@ pub use lamps::{Lamp, Lamps, MAX_LAMPS};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
 pub use rig::{
-    CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount,
-    StrobeSource, Vignetting, VignettingName,
+    BlackLevel, CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile,
+    StrobeMount, StrobeSource, Vignetting, VignettingName,
 };

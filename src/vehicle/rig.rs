@@ -188,6 +188,9 @@ pub struct CameraFacts {
     /// image of an evenly lit surface by this camera, instead of a vignetting model
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flat_field: Option<std::path::PathBuf>,
+    /// what the sensor adds to every pixel value (share of full scale)
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub black_level: Option<BlackLevel>,
     /// measured response, instead of `light.transfer`
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<ResponseFacts>,
@@ -199,6 +202,26 @@ pub struct CameraFacts {
     pub read_noise_e: Option<f64>,
     /// extrinsics
     pub mount: Option<MountFacts>,
+}
+
+/// What the sensor adds to every pixel value in linear light, as a share of full scale.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum BlackLevel {
+    /// the same in all bands
+    All(f64),
+    /// red, green, blue
+    Each([f64; 3]),
+}
+
+impl BlackLevel {
+    /// Per band.
+    pub fn bands(self) -> [f64; 3] {
+        match self {
+            Self::All(level) => [level; 3],
+            Self::Each(levels) => levels,
+        }
+    }
 }
 
 /// Camera response in a rig file.

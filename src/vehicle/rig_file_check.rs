@@ -41,6 +41,10 @@ impl RigFile {
                 camera.horizontal_field_of_view_deg.is_none_or(|a| (1.0..179.0).contains(&a)),
                 "camera.horizontal_field_of_view_deg must lie in 1 to 179",
             ),
+            (
+                camera.black_level.is_none_or(|l| l.bands().iter().all(|b| (0.0..0.5).contains(b))),
+                "camera.black_level is a share of full scale, from 0 to below 0.5",
+            ),
             (is_positive(camera.full_well_e), "camera.full_well_e must be above 0"),
             (
                 camera.read_noise_e.is_none_or(|e| e >= 0.0),

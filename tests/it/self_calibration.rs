@@ -88,11 +88,18 @@ fn vignetting_is_told_from_the_beam_pattern() {
 #[test]
 fn a_black_level_is_told_from_backscatter() {
     let pedestal = Conditions { black_level: 0.01, ..Conditions::default() };
-    let v = assert_calibrated("black level", &dive(205, pedestal), 0.005, [1.02, 0.006, 0.004]);
+    let dive = dive(205, pedestal);
+    let v = assert_calibrated("black level", &dive, 0.005, [1.02, 0.006, 0.004]);
     let level = v.model.camera.and_then(|c| c.black_level).expect("a black level");
     for of_band in level {
         assert_within("black level: of full scale", of_band - 0.01, 0.001);
     }
+    // Given in the rig file, it is not looked for.
+    let rig = toml::from_str("[camera]\nblack_level = 0.01\n").expect("a rig");
+    let (v, _) = judged(&dive, &Options { rig, ..Options::default() });
+    assert_eq!(v.model.camera, None);
+    let largest = v.attenuation_error_per_m.iter().fold(0.0, |most: f64, e| most.max(e.abs()));
+    assert_within("black level given: attenuation [1/m]", largest, 0.004);
 }
 
 #[test]
@@ -118,7 +125,7 @@ fn a_late_camera_clock_is_corrected() {
     let late = Conditions { stamp_delay_s: 0.25, ..Conditions::default() };
     let v = assert_calibrated("clock", &dive(207, late), 0.004, [1.02, 0.005, 0.003]);
     let geometry = v.model.geometry.expect("a clock");
-    assert_within("clock: offset [s]", geometry.clock_offset_s + 0.25, 0.02);
+    assert_within("clock: offset [s]", geometry.clock_offset_s.expect("a clock") + 0.25, 0.02);
     assert!(v.model.camera.is_none(), "{:?}", v.model.camera);
 }
 

@@ -3,8 +3,11 @@
 
 use std::path::{Path, PathBuf};
 
+use unwater::diagnostics::{ClockFact, Diagnostic, Fact};
 use unwater::error::Error;
-use unwater::model::{FrameGainFile, InputFile, ModelFile};
+use unwater::model::{
+    CameraFile, FrameGainFile, GeometryFile, InputFile, ModelFile, VignettingFile,
+};
 use unwater::products::data_set::export;
 use unwater::products::dive::{CorrectedLog, Images};
 use unwater::recording::{Channel, Entry, FrameId, Recording, Window};
@@ -63,6 +66,51 @@ fn a_frame_keeps_its_gain_under_another_clock_offset() {
     assert_eq!((plain.len(), with_gain.len()), (FRAMES, FRAMES));
     let changed: Vec<usize> = (0..FRAMES).filter(|f| with_gain[*f] != plain[*f]).collect();
     assert_eq!(changed, [3]);
+}
+
+#[test]
+fn a_clock_that_a_model_found_applies_once_and_to_its_own_logs() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.mcap");
+    let (plain, _) = estimate_logs(&[&sample()], &Options::default(), &Silent).unwrap();
+    let topic = CameraSession::open(&sample(), &Options::default()).unwrap().survey.camera_topic;
+    let images = |model: &ModelFile, options: &Options| {
+        let options = Options { force: true, ..options.clone() };
+        let (report, _) =
+            correct(&sample(), &output, Some(model.clone()), &options, &Silent).unwrap();
+        let is_unused =
+            |d: &Diagnostic| matches!(d.fact, Fact::ClockFact(ClockFact::OfOtherLogs { .. }));
+        (corrected_images(&output), report.diagnostics.iter().any(is_unused))
+    };
+    let late = offset(&topic, 0.3);
+    let clock = GeometryFile { clock_offset_s: Some(0.3), dvl_rotation_xyzw: None };
+    let found = ModelFile { geometry: Some(clock), ..plain.clone() };
+    let expected = images(&plain, &late);
+    assert_ne!(expected, images(&plain, &Options::default()));
+    assert_eq!(images(&found, &Options::default()), expected);
+    assert_eq!(images(&found, &late), expected);
+    let mut of_another = found;
+    of_another.inputs[0].sha256 = "0".repeat(64);
+    assert_eq!(images(&of_another, &late), (expected.0, true));
+}
+
+#[test]
+fn vignetting_of_the_rig_file_takes_precedence_over_a_models() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("out.mcap");
+    let (plain, _) = estimate_logs(&[&sample()], &Options::default(), &Silent).unwrap();
+    let found = VignettingFile { coefficients: [-1.0, 0.0, 0.0], corner_loss: 0.3 };
+    let camera = CameraFile { vignetting: Some(found), ..CameraFile::default() };
+    let with_lens = ModelFile { camera: Some(camera), ..plain.clone() };
+    let images = |model: &ModelFile, options: &Options| {
+        let options = Options { force: true, ..options.clone() };
+        correct(&sample(), &output, Some(model.clone()), &options, &Silent).unwrap();
+        corrected_images(&output)
+    };
+    let given = toml::from_str("[camera]\nvignetting = \"cos4\"\n").unwrap();
+    let given = Options { rig: given, ..Options::default() };
+    assert_eq!(images(&with_lens, &given), images(&plain, &given));
+    assert_ne!(images(&with_lens, &Options::default()), images(&plain, &Options::default()));
 }
 
 #[test]

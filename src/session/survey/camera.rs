@@ -12,7 +12,7 @@ use crate::image::flat_field::FlatField;
 use crate::image::response::ResponseTable;
 use crate::image::{Container, EncodedImage};
 use crate::units::Stamp;
-use crate::vehicle::{Camera, ResponseFacts};
+use crate::vehicle::{BlackLevel, Camera, ResponseFacts};
 
 /// The chosen camera.
 pub struct CameraSurvey {
@@ -20,6 +20,8 @@ pub struct CameraSurvey {
     pub channels: Vec<u16>,
     /// in the order of the file, their clock offset added
     pub frames: Vec<FrameRef>,
+    /// that offset (s)
+    pub offset_s: f64,
     /// frame id of its images
     pub frame_id: String,
     pub container: Container,
@@ -53,6 +55,7 @@ impl CameraSurvey {
         frames.iter_mut().for_each(|f| f.stamp = f.stamp.plus_seconds(offset_s));
         Ok(Self {
             frames,
+            offset_s,
             frame_id: frame_ids.into_iter().find(|f| !f.is_empty()).unwrap_or_default(),
             container: of_camera.iter().find_map(|c| c.container).unwrap_or(Container::Raw),
             image_pixels: size
@@ -130,7 +133,7 @@ fn response(options: &Options) -> Result<Option<ResponseTable>> {
     }
 }
 
-/// Vignetting by the rig file: an image of an evenly lit surface, or a formula.
+/// Black level and vignetting by the rig file: an image of an evenly lit surface, or a formula.
 fn flat_field(
     options: &Options,
     calibration: &Camera,
@@ -139,6 +142,7 @@ fn flat_field(
 ) -> Result<Option<FlatField>> {
     let facts = &options.rig.camera;
     let (width, height) = size.unwrap_or((calibration.width, calibration.height));
+    let dark = facts.black_level.map(BlackLevel::bands);
     if let Some(path) = &facts.flat_field {
         let data =
             std::fs::read(path).map_err(|source| Error::Read { path: path.clone(), source })?;
@@ -157,12 +161,16 @@ fn flat_field(
                 flat.height
             )));
         }
-        return Ok(Some(FlatField::from_image(flat)));
+        return Ok(Some(FlatField::from_image(flat, dark.unwrap_or_default())));
     }
     let by_formula = facts.vignetting.zip(calibration.scaled_to(width, height));
-    Ok(by_formula.map(|(vignetting, camera)| {
+    let field = by_formula.map(|(vignetting, camera)| {
         FlatField::from_fn(width, height, |u, v| {
             camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.share(x, y))
         })
-    }))
+    });
+    Ok(match dark {
+        Some(dark) => Some(field.unwrap_or_else(|| FlatField::even(width, height)).with_dark(dark)),
+        None => field,
+    })
 }

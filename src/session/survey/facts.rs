@@ -69,6 +69,7 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     file.camera.medium = given.camera.medium;
     (file.camera.vignetting, file.camera.flat_field) =
         (given.camera.vignetting, given.camera.flat_field.clone());
+    file.camera.black_level = given.camera.black_level;
     (file.camera.full_well_e, file.camera.read_noise_e) =
         (given.camera.full_well_e, given.camera.read_noise_e);
     file.camera.response.clone_from(&given.camera.response);

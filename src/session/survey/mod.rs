@@ -46,6 +46,8 @@ pub struct Survey {
     pub camera_channels: Vec<u16>,
     /// its frames in the order of the file, their clock offset added
     pub frames: Vec<FrameRef>,
+    /// that offset, by the rig file or a model (s)
+    pub camera_offset_s: f64,
     /// the frame id of its images
     pub camera_frame: String,
     /// file format of its images
@@ -64,8 +66,10 @@ pub struct Survey {
     pub attitude_topic: Option<String>,
     /// pings and attitude
     pub pings: SeafloorEstimator,
-    /// vignetting, where the rig file has it
+    /// vignetting and black level, by the rig file and by a model
     pub flat_field: Option<FlatField>,
+    /// whether the rig file has the vignetting, and the black level
+    pub flat_field_given: [bool; 2],
     /// the camera's response as a table, where the rig file has it
     pub response: Option<ResponseTable>,
     /// how the transfer curve is known
@@ -114,26 +118,29 @@ impl Survey {
         own.map(|gain| gain * by_settings)
     }
 
-    /// Takes over transfer curve, vignetting and black level that a model found.
+    /// Takes over transfer curve, vignetting and black level that a model found, unless the rig
+    /// file has them.
     ///
     /// # Errors
     /// The curve is no curve.
     pub fn take_camera(&mut self, found: &CameraFile) -> Result<()> {
         self.take_response(found)?;
-        let dark = found.black_level.as_ref().map(|level| {
+        let [has_vignetting, has_dark] = self.flat_field_given;
+        let dark = found.black_level.as_ref().filter(|_| !has_dark).map(|level| {
             std::array::from_fn(|b| level.get(b.min(level.len() - 1)).copied().unwrap_or(0.0))
         });
         let (width, height) = self.image_size;
-        let even = || FlatField::from_fn(width, height, |_, _| 1.0);
-        if let (Some(vignetting), Some(camera)) =
-            (&found.vignetting, self.rig.camera.scaled_to(width, height))
+        if let (Some(vignetting), Some(camera), false) =
+            (&found.vignetting, self.rig.camera.scaled_to(width, height), has_vignetting)
         {
             self.flat_field = Some(FlatField::from_fn(width, height, |u, v| {
                 camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.transmission(x, y))
             }));
         }
         if let Some(dark) = dark {
-            self.flat_field = Some(self.flat_field.take().unwrap_or_else(even).with_dark(dark));
+            let field = self.flat_field.take();
+            let field = field.unwrap_or_else(|| FlatField::even(width, height));
+            self.flat_field = Some(field.with_dark(dark));
         }
         Ok(())
     }
@@ -155,8 +162,10 @@ impl Survey {
 
     /// Takes over clock and mount that a model found.
     pub fn take_geometry(&mut self, found: &GeometryFile, config: &SeafloorConfig) {
-        for frame in &mut self.frames {
-            frame.stamp = frame.stamp.plus_seconds(found.clock_offset_s);
+        if let Some(offset_s) = found.clock_offset_s {
+            let further = offset_s - self.camera_offset_s;
+            self.frames.iter_mut().for_each(|f| f.stamp = f.stamp.plus_seconds(further));
+            self.camera_offset_s = offset_s;
         }
         if let Some(rotation) = found.dvl_rotation_xyzw {
             let at = self.rig.body_from_dvl.isometry().translation.vector;
@@ -215,6 +224,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         camera_topic: camera.topic,
         camera_channels: camera.channels,
         frames: camera.frames,
+        camera_offset_s: camera.offset_s,
         camera_frame: camera.frame_id,
         container: camera.container,
         image_pixels: camera.image_pixels,
@@ -225,6 +235,10 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         attitude_topic,
         pings,
         flat_field: camera.flat_field,
+        flat_field_given: [
+            rig_file.camera.vignetting.is_some() || rig_file.camera.flat_field.is_some(),
+            rig_file.camera.black_level.is_some(),
+        ],
         transfer: transfer_known(options, camera.response.is_some()),
         response: camera.response,
         electrons: Electrons {
