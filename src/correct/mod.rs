@@ -87,6 +87,8 @@ pub struct FrameFacts {
     pub low_signal_share: f64,
     /// pixels clipped in some bands that are rendered neutral
     pub restored_share: f64,
+    /// light of the frame over that of others, per band, which is divided out
+    pub frame_gain: Bands,
 }
 
 /// A raw frame and its geometry.
@@ -267,10 +269,12 @@ impl Correction<'_> {
             clipped_output_share: counts.clipped_output as f64 / pixels,
             low_signal_share: counts.low_signal as f64 / counts.signal_samples.max(1) as f64,
             restored_share: counts.restored as f64 / pixels,
+            frame_gain: frame.balance.map(|of_band| of_band * frame.gain),
             ..field.facts()
         };
         if self.config.method.is_baseline() {
             (facts.gain_capped_share, facts.mean_gain) = (0.0, f64::NAN);
+            facts.frame_gain = [1.0; 3];
         }
         facts
     }

@@ -80,6 +80,11 @@ facts! {
         Warning "not-identified-empirical" EmpiricalBetter,
             text("an empirical model of the light predicts held-out frames better"),
             remedy("check ranges, mounts and calibration (unwater inspect)");
+        Warning "not-identified-no-answers" NoAnswers { reason: String },
+            text("no estimator has an answer ({reason}): frames are corrected by an empirical \
+                  model of their light"),
+            remedy("for attenuation, use a model from another part of the dive or from another \
+                    dive of the same water and strobe: --model MODEL.json");
         Warning "not-identified-joint-failed" JointFailed { reason: String },
             text("the joint solve failed ({reason})"),
             remedy("use a model from another segment: --model MODEL.json");

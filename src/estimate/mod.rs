@@ -53,7 +53,9 @@ use crate::coordinates::{Body, Optical, Transform};
 use crate::diagnostics::NotIdentified;
 use crate::error::{Error, Result};
 use crate::image::Bands;
-use crate::model::{Backscatter, BeamGrid, EstimatorAnswer, ImagingModel, ScatterTable};
+use crate::model::{
+    Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
+};
 use crate::parallel::par_map;
 use crate::vehicle::Lamps;
 use methods::empirical::Regions;
@@ -78,6 +80,39 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// Where no estimator answers: only an empirical model can correct the frames.
+    fn without_attenuation(
+        data: &Dataset<'_>,
+        config: &EstimateConfig,
+        answers: BTreeMap<Estimator, EstimatorAnswer>,
+        reason: String,
+    ) -> Self {
+        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+        let spreading = SpreadingModel::of(config.spreading);
+        let model = data.model([0.0; 3], spreading, BeamPattern::uniform(grid), config);
+        Self {
+            model,
+            attenuation_std_per_m: [f64::INFINITY; 3],
+            estimator: Estimator::Empirical,
+            answers,
+            not_identified: Some(NotIdentified::NoAnswers { reason }),
+            inflation: 1.0,
+        }
+    }
+
+    /// Whether there is a model to correct frames with.
+    ///
+    /// # Errors
+    /// [`Error::NotEstimated`] if not.
+    fn ensure_corrects(&self, judgement: &Judgement) -> Result<()> {
+        match &self.not_identified {
+            Some(NotIdentified::NoAnswers { reason }) if judgement.empirical.is_none() => {
+                Err(not_estimated(reason.clone()))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Compares the model with raw light and simpler corrections. Where an empirical model is
     /// better, attenuation is not identified.
     fn judge(
@@ -196,7 +231,13 @@ fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
     };
     let Some((estimator, candidate)) = order.iter().find_map(|name| found.remove_entry(name))
     else {
-        return Err(no_estimate(order, &answers));
+        let reason = no_answers(order, &answers);
+        return match config.estimator {
+            Estimator::Auto | Estimator::Empirical => {
+                Ok(Estimate::without_attenuation(data, config, answers, reason))
+            }
+            _ => Err(not_estimated(reason)),
+        };
     };
     // The others model neither backscatter nor drop-outs, and with many tracks the joint solve
     // fails for a reason.
@@ -218,10 +259,14 @@ fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
 }
 
 /// Why no estimator has an answer.
-fn no_estimate(order: &[Estimator], answers: &BTreeMap<Estimator, EstimatorAnswer>) -> Error {
+fn no_answers(order: &[Estimator], answers: &BTreeMap<Estimator, EstimatorAnswer>) -> String {
     let reason = |n: &Estimator| Some(format!("{}: {}", n.word(), answers.get(n)?.note.as_ref()?));
+    order.iter().filter_map(reason).collect::<Vec<_>>().join("; ")
+}
+
+fn not_estimated(reason: String) -> Error {
     Error::NotEstimated {
-        reason: order.iter().filter_map(reason).collect::<Vec<_>>().join("; "),
+        reason,
         remedy: "use a model from another part of the dive or from another dive of the same water \
                  and strobe: --model MODEL.json"
             .into(),

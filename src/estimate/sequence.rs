@@ -351,6 +351,7 @@ fn finish(
     let (mount_fit, estimate) = join(check, estimated);
     let mut estimate = estimate?;
     let judgement = estimate.judge(&data, regions.as_ref(), config);
+    estimate.ensure_corrects(&judgement)?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
         search.std_m = search.std_m.map(|std| std * estimate.inflation);
     }

@@ -71,10 +71,12 @@ impl Case<'_> {
     /// Compares the corrections and chooses one.
     pub fn judge(&self) -> Judgement {
         let is_chosen = !matches!(self.config.estimator, Estimator::Auto | Estimator::Empirical);
-        let is_forced = self.config.estimator == Estimator::Empirical;
+        let has_physical = self.estimator != Estimator::Empirical;
+        let is_forced = self.config.estimator == Estimator::Empirical || !has_physical;
         let Some(mut verdict) = self.by_agreement().or_else(|| self.by_evenness()) else {
             return Judgement::default();
         };
+        verdict.figures.retain(|f| has_physical || f.name != FULL);
         let is_joint = verdict.measure == VerdictMeasure::SamePoint;
         let is_identified = self.is_identified && is_joint;
         let full = verdict.of(FULL).map_or(f64::INFINITY, VerdictFigures::score);

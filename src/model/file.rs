@@ -414,6 +414,9 @@ impl ModelFile {
 
     /// α ± its standard deviation per band, for people.
     pub fn attenuation_text(&self) -> String {
+        if self.empirical.is_some() && self.attenuation_std_per_m.iter().all(Option::is_none) {
+            return "not known".into();
+        }
         let std = |s: &Option<f64>| s.map_or_else(|| "?".into(), |s| format!("{s:.4}"));
         let values: Vec<String> = self
             .attenuation_per_m

@@ -93,3 +93,30 @@ fn a_dive_without_overlap_comes_out_even() {
     assert_eq!(again.empirical, model.empirical);
     assert_eq!(again.verdict.unwrap().used, verdict.used);
 }
+
+/// At one altitude and without overlap no estimator has an answer; frames are corrected all the
+/// same, and the file says what is not known.
+#[test]
+fn a_dive_that_determines_no_attenuation_is_corrected() {
+    let folder = tempfile::tempdir().unwrap();
+    let dive = Dive { seed: 192, altitude_m: (2.0, 2.0), ..dive() };
+    let truth = dive.write(&folder.path().join("dive.mcap"));
+    let raw =
+        evenness(&dive, &truth, &images(&folder.path().join("dive.mcap"), "/camera/image_raw"));
+    let (report, model, shown) = corrected(folder.path(), &Options::default());
+    let is = evenness(&dive, &truth, &shown);
+    println!("raw {raw:.3?}\nempirical {is:.3?}\nverdict {:.3?}", report.verdict);
+    let reason = model.not_identified_because.as_deref().unwrap_or_default();
+    assert!(reason.contains("no estimator has an answer"), "{reason}");
+    assert!(model.attenuation_std_per_m.iter().all(Option::is_none) && model.empirical.is_some());
+    assert_eq!(model.attenuation_text(), "not known");
+    for (is, than) in [(is.flat, raw.flat), (is.cv, raw.cv), (is.hue, raw.hue)] {
+        assert!(is <= than, "worse than raw: {is} {than}");
+    }
+    assert!(is.flat - 1.0 < 0.5 * (raw.flat - 1.0), "{is:?} {raw:?}");
+    // A chosen estimator has no stand-in.
+    let mut altitude = Options { force: true, ..Options::default() };
+    altitude.config.estimate.estimator = Estimator::Altitude;
+    let output = folder.path().join("not.mcap");
+    assert!(correct(&folder.path().join("dive.mcap"), &output, None, &altitude, &Silent).is_err());
+}

@@ -160,7 +160,9 @@ pub const FRAME: OutputType = OutputType::of_ros2(
          float64 clipped_input_share\nfloat64 clipped_output_share\nfloat64 gain_capped_share\n\
          float64 off_surface_share\nfloat64 unseen_beam_share\nfloat64 mean_gain\n\
          # share of the image's pixels whose signal is close to the noise\n\
-         float64 low_signal_share\n"
+         float64 low_signal_share\n\
+         # light of the frame over that of others, divided out\n\
+         float64 frame_gain_red\nfloat64 frame_gain_green\nfloat64 frame_gain_blue\n"
     ),
 );
 

@@ -72,7 +72,8 @@ fn opening_lines(camera: &CameraOutput<'_>) -> Vec<LogLine> {
 }
 
 /// In the order of the message.
-fn numbers(facts: &FrameFacts) -> [f64; 11] {
+fn numbers(facts: &FrameFacts) -> [f64; 14] {
+    let [red, green, blue] = facts.frame_gain;
     [
         facts.camera_altitude_m,
         facts.path_length_min_m,
@@ -85,6 +86,9 @@ fn numbers(facts: &FrameFacts) -> [f64; 11] {
         facts.unseen_beam_share,
         facts.mean_gain,
         facts.low_signal_share,
+        red,
+        green,
+        blue,
     ]
 }
 
@@ -101,4 +105,5 @@ const UNKNOWN: FrameFacts = FrameFacts {
     mean_gain: f64::NAN,
     low_signal_share: f64::NAN,
     restored_share: f64::NAN,
+    frame_gain: [f64::NAN; 3],
 };
