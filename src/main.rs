@@ -19,6 +19,7 @@ fn main() -> ExitCode {
     match cli.run() {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::DoneWithLosses) => ExitCode::from(3),
+        Ok(Outcome::CannotCorrect) => ExitCode::FAILURE,
         Err(error) => {
             eprintln!("unwater: {error}");
             ExitCode::from(if matches!(error, Error::Usage(_)) { 2 } else { 1 })

@@ -20,6 +20,9 @@ pub struct Report {
     pub camera_topic: String,
     /// of the corrected images
     pub corrected_topic: String,
+    /// of the calibration in use; absent where the rig file has it
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_info_topic: Option<String>,
     /// of the range instrument
     pub dvl_topic: String,
     /// correction method

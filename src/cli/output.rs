@@ -14,6 +14,8 @@ pub enum Outcome {
     Done,
     /// 3: done, with losses that are listed
     DoneWithLosses,
+    /// 1: the log cannot be corrected, for reasons that are listed
+    CannotCorrect,
 }
 
 /// Prints a result; a closed pipe (`| head`) is no error.

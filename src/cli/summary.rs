@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::color::Paint;
-use crate::diagnostics::Severity;
+use crate::diagnostics::{CameraFact, Fact, Severity};
 use crate::model::{ModelFile, StrobeFile};
 use crate::report::Report;
 
@@ -41,6 +41,13 @@ pub fn summary(
     }
     if let Some(camera) = &model.camera {
         line("camera", &camera.summary());
+    }
+    if let Some(topic) = &report.camera_info_topic {
+        let reason = report.diagnostics.iter().find_map(|d| match &d.fact {
+            Fact::CameraFact(CameraFact::InfoUsed { because }) => Some(format!(" ({because})")),
+            _ => None,
+        });
+        line("calibration", &format!("{topic}{}", reason.unwrap_or_default()));
     }
     if let Some([low, high]) = report.camera_altitude_m {
         let planes: Vec<String> = report.planes.iter().map(|(k, v)| format!("{v} {k}")).collect();

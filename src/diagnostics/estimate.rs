@@ -85,6 +85,17 @@ facts! {
                   model of their light"),
             remedy("for attenuation, use a model from another part of the dive or from another \
                     dive of the same water and strobe: --model MODEL.json");
+        Warning "not-identified-slope" SlopeUnknown,
+            text("the range instrument sends one number in several copies: the seafloor is assumed \
+                  level, and its slope shifts the answer by an unknown amount"),
+            remedy("set the driver to send the range of each beam, or use a model of another log: \
+                    --model MODEL.json");
+        Warning "not-identified-no-overlap" NoOverlap { tracks: usize, needed: usize },
+            text("{tracks} points of the seafloor are seen more than once, {needed} are needed: \
+                  what is left is the mean light against the altitude, which assumes the same \
+                  seafloor everywhere, and its error is unknown"),
+            remedy("record frames that overlap, with a seafloor below them; or use a model from \
+                    another segment: --model MODEL.json");
         Warning "not-identified-joint-failed" JointFailed { reason: String },
             text("the joint solve failed ({reason})"),
             remedy("use a model from another segment: --model MODEL.json");

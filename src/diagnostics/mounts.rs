@@ -7,6 +7,16 @@ facts! {
     MountFact {
         Info "frame-replaced" FrameReplaced { frame: String, used: String },
             text("its frame {frame:?} is not in the TF tree; {used:?} is used instead");
+        Warning "camera-frame-not-optical" FrameNotOptical { frame: String },
+            text("by the ranges its frame {frame:?} has x along the optical axis, not z; the \
+                  optical frame is derived from it"),
+            remedy("publish an optical frame (x right, y down, z out of the lens) and name it in \
+                    the header of the images, or write [camera.mount] into a rig file");
+        Warning "transforms-conflict" Conflicting { frame: String, used: String, other: String },
+            text("the log has two mounts of {frame:?} that differ, below {used:?} and below \
+                  {other:?}; the one below {used:?} is used"),
+            remedy("write the right one under [camera.mount], [dvl.mount] or [strobe.mount] in a \
+                    rig file");
         Info "attitude-missing" NoAttitude,
             text("the log has no attitude: echoes are not rotated between ping and frame, and with \
                   fewer than three returns the seafloor is assumed perpendicular to the \
@@ -68,6 +78,21 @@ facts! {
                   rotated {}", rotated(rotation_deg, std_deg, residual, &false)),
             remedy("write the mount under [dvl.mount] in a rig file; --self-calibration report \
                     keeps the given one");
+        Warning "dvl-turned-about-its-axis" DvlTurned {
+            yaw_deg: f64,
+            residual_deg: [f64; 2],
+            rotation_xyzw: [f64; 4],
+        },
+            text("the range instrument is turned by {yaw_deg:.0}° about its axis against its \
+                  mount: turned, its planes agree with roll and pitch within {:.2}° instead of \
+                  {:.2}°, and the images agree better", residual_deg[1], residual_deg[0]),
+            remedy("write `rotation_xyzw = {rotation_xyzw:.5?}` with the position under \
+                    [dvl.mount] in a rig file; --self-calibration report keeps the given one");
+        Warning "attitude-turned" AttitudeTurned { yaw_deg: f64, residual_deg: [f64; 2] },
+            text("its planes contradict roll and pitch, as if the attitude sensor were turned by \
+                  {:.0}° about the vertical ({:.2}° instead of {:.2}°); the images do not confirm \
+                  that the instrument itself is", -yaw_deg, residual_deg[0], residual_deg[1]),
+            remedy("check the frame and the mount of the attitude sensor in the TF tree");
         Warning "dvl-mount-contradicted" DvlContradicted {
             rotation_deg: [f64; 2],
             std_deg: [f64; 2],

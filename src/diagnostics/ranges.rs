@@ -28,6 +28,19 @@ facts! {
         Info "one-message-per-beam" MessagePerBeam { janus_angle_deg: f64 },
             text("one message per beam: {janus_angle_deg}° off the axis, azimuth by its \
                   orientation");
+        Warning "range-unit-inferred" UnitInferred { unit_m: f64, typical: f64 },
+            text("its ranges (typically {typical:.0}) cannot be metres; another range confirms a \
+                  unit of {unit_m} m"),
+            remedy("write `unit_m = {unit_m}` under [dvl] in a rig file");
+        Warning "beams-all-equal" EqualBeams { pings: usize },
+            text("all beams of {pings} pings have the same range: one number in several copies, \
+                  which is used as an altitude; the seafloor is assumed level"),
+            remedy("set the driver to send the range of each beam, or name another instrument with \
+                    --dvl TOPIC");
+        Warning "pings-repeated" Repeated { pings: usize },
+            text("{pings} pings repeat the one before to the last digit: the instrument or its \
+                  driver stood still, and they are not used"),
+            remedy("check the driver: it should mark pings without an echo");
         Warning "altitude-frozen" AltitudeFrozen { messages: usize },
             text("its altitude is constant over {messages} messages: many drivers repeat the last \
                   good value"),

@@ -15,6 +15,9 @@ facts! {
                   corrected log has one");
         Info "schema-name-reused" SchemaNameReused { name: String, schemas: usize },
             text("{schemas} different schemas are named {name}; each channel is read by its own");
+        Info "schema-known-by-name" SchemaKnown { name: String },
+            text("the log has no definition of {name}; the usual one is used, which fits the \
+                  channel's first message to its last byte");
         Info "several-channels" SeveralChannels { channels: usize },
             text("the topic has {channels} channels");
         Warning "schema-missing" SchemaMissing { schema_id: u16 },

@@ -247,7 +247,12 @@ fn estimate(data: &Dataset<'_>, config: &EstimateConfig) -> Result<Estimate> {
         joint.note.clone().filter(|_| is_fallback && data.tracks.len() >= config.least_pairs)
     };
     let not_identified = not_identified(&candidate, data, config)
-        .or_else(|| joint_failure().map(|reason| NotIdentified::JointFailed { reason }));
+        .or_else(|| joint_failure().map(|reason| NotIdentified::JointFailed { reason }))
+        .or_else(|| {
+            let (tracks, needed) = (data.tracks.len(), config.least_pairs);
+            let is_alone = is_fallback && estimator == Estimator::Altitude;
+            is_alone.then_some(NotIdentified::NoOverlap { tracks, needed })
+        });
     Ok(Estimate {
         model: candidate.model,
         attenuation_std_per_m: candidate.std_per_m,

@@ -11,7 +11,7 @@ use super::encoding::SampleLayout;
 use super::packed::Packing;
 use super::pixel_values::StoredSamples;
 pub use super::pixel_values::{CameraResponse, Coding, PixelValues};
-use super::{Container, EncodedImage, SensorImage, jpeg_header, yuv};
+use super::{Container, EncodedImage, SensorImage, jpeg_header, jpeg_tables, yuv};
 
 /// Full scale (DN) of 16-bit images whose pixel values, combined by bitwise or, are `bits_used`.
 /// Sensors of 10, 12 or 14 bits use the upper bits of the 16 (the lowest are never set) or the
@@ -95,6 +95,8 @@ pub fn read_pixels_with<'a>(
                 let layout =
                     SampleLayout::from_encoding(encoding).ok_or_else(|| unsupported(encoding))?;
                 let row = width * layout.channels * layout.bytes;
+                // Some drivers leave it 0.
+                let step = if step == 0 && row * height == data.len() { row } else { step };
                 let needed = step.checked_mul(height - 1).and_then(|n| n.checked_add(row));
                 if step < row || needed.is_none_or(|n| n > data.len()) {
                     return Err(mismatch());
@@ -167,6 +169,7 @@ pub fn describe(encoded: &EncodedImage<'_>) -> String {
             let kind = match data {
                 [0xff, 0xd8, ..] => "jpeg",
                 [0x89, b'P', b'N', b'G', ..] => "png",
+                [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => "tiff",
                 data if is_webp(data) => "webp",
                 _ => "unknown",
             };
@@ -215,7 +218,7 @@ fn open<'d>(
     format: &str,
     data: &'d [u8],
 ) -> Result<(Box<dyn ImageDecoder + 'd>, Container), String> {
-    use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, webp::WebPDecoder};
+    use image::codecs::{jpeg::JpegDecoder, png::PngDecoder, tiff::TiffDecoder, webp::WebPDecoder};
     let file = Cursor::new(data);
     Ok(match data {
         [0xff, 0xd8, ..] if !jpeg_header::is_complete(data) => {
@@ -234,9 +237,12 @@ fn open<'d>(
         data if is_webp(data) => {
             (Box::new(WebPDecoder::new(file).map_err(cannot_decode)?), webp_container(data))
         }
+        [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => {
+            (Box::new(TiffDecoder::new(file).map_err(cannot_decode)?), Container::Png)
+        }
         _ => {
             return Err(format!(
-                "the compressed image is neither JPEG, PNG nor WebP (format {format:?})"
+                "the compressed image is neither JPEG, PNG, TIFF nor WebP (format {format:?})"
             ));
         }
     })
@@ -244,6 +250,7 @@ fn open<'d>(
 
 fn decompress<'a>(format: &str, data: &[u8], buffer: Vec<u8>) -> Result<StoredSamples<'a>, String> {
     use image::ColorType as C;
+    let data = &*jpeg_tables::with_tables(data);
     let (mut decoder, container) = open(format, data)?;
     let mut limits = image::Limits::default();
     limits.max_alloc = Some(4 << 30);
@@ -352,6 +359,10 @@ mod tests {
             let error = linear(&raw("rgb8", size, data), 255).expect_err("no image");
             assert!(error.contains(&size[0].to_string()), "{size:?}: {error}");
         }
+        // A step of 0 is that of rows without a gap, where the data fit exactly.
+        let exact = linear(&raw("rgb8", [3, 3, 9], &data), 255);
+        assert_eq!(linear(&raw("rgb8", [3, 3, 0], &data), 255), exact);
+        assert!(linear(&raw("rgb8", [3, 3, 0], &[0; 28]), 255).is_err());
         // The last row needs no bytes after it.
         assert!(linear(&raw("rgb8", [3, 2 + 1, 9], &data), 255).is_ok());
     }

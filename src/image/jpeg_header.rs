@@ -27,6 +27,13 @@ pub fn is_complete(data: &[u8]) -> bool {
     last([0xff, 0xd9]).is_some_and(|end| scan().is_some_and(|scan| end > scan))
 }
 
+/// Whether there are Huffman tables before the first scan.
+pub fn has_huffman_tables(data: &[u8]) -> bool {
+    let mut has_tables = false;
+    let scan = visit_segments(data, |marker, _| has_tables |= marker == 0xc4);
+    has_tables || scan.is_none()
+}
+
 /// Whether the frame header samples the first component more finely than the others.
 pub fn is_subsampled(data: &[u8]) -> bool {
     let mut subsampled = false;

@@ -11,6 +11,7 @@ pub mod encode;
 mod encoding;
 pub mod flat_field;
 mod jpeg_header;
+mod jpeg_tables;
 pub mod noise;
 mod packed;
 mod pixel_values;

@@ -44,7 +44,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
         .find_map(|f| value.number(f))
         .ok_or_else(|| missing("altitude"))?;
     let valid = FLAGS.iter().find_map(|f| value.flag(f)).unwrap_or(true);
-    let altitude = (valid && altitude.is_finite() && altitude > 0.0)
-        .then_some(altitude * facts.sound_speed_ratio.unwrap_or(1.0));
+    let altitude =
+        (valid && altitude.is_finite() && altitude > 0.0).then_some(altitude * facts.scale());
     Ok(PingReading::of_altitude(value, altitude))
 }

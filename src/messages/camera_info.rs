@@ -6,32 +6,29 @@
 use super::layout::Layout;
 use super::reading::size;
 use super::value::Value;
-use crate::vehicle::{Calibration, Camera, Distortion};
+use crate::vehicle::{CameraInfo, Intrinsics};
 
 pub fn matches(layout: &Layout, _topic: &str) -> bool {
     layout.has_all(&["distortion_model", "k", "d", "width", "height"])
 }
 
-pub fn decode(value: &Value<'_>) -> Result<Option<Calibration>, String> {
-    let k = value.numbers("k").unwrap_or_default();
-    let (width, height) = (size(value, "width")?, size(value, "height")?);
-    if k.len() != 9 || !(k[0] > 0.0 && k[4] > 0.0) || width == 0 || height == 0 {
-        return Ok(None);
-    }
-    let model = value.text("distortion_model").unwrap_or("");
-    let distortion =
-        Distortion::named(model, &value.numbers("d").unwrap_or_default()).map_err(|m| {
-            format!(
-                "the distortion model {m:?} is not one of plumb_bob, rational_polynomial, \
-                 equidistant, fisheye62; give the camera in rig.toml"
-            )
-        })?;
-    let full = Camera { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion };
+pub fn decode(value: &Value<'_>) -> Result<CameraInfo, String> {
+    let numbers = |field: &str| value.numbers(field).unwrap_or_default();
+    // Focal lengths and principal point in the rows of a matrix.
+    let intrinsics = |field: &str, entries: [usize; 4]| {
+        let matrix = numbers(field);
+        let [fx, fy, cx, cy] = entries.map(|i| matrix.get(i).copied().unwrap_or(0.0));
+        Intrinsics { fx, fy, cx, cy }
+    };
     let pair = |a: &str, b: &str| (value.size(a).unwrap_or(0), value.size(b).unwrap_or(0));
-    Ok(Some(Calibration::new(
-        full,
-        pair("roi.x_offset", "roi.y_offset"),
-        pair("roi.width", "roi.height"),
-        pair("binning_x", "binning_y"),
-    )))
+    Ok(CameraInfo {
+        size: (size(value, "width")?, size(value, "height")?),
+        recorded: intrinsics("k", [0, 4, 2, 5]),
+        rectified: intrinsics("p", [0, 5, 2, 6]),
+        model: value.text("distortion_model").unwrap_or("").into(),
+        coefficients: numbers("d"),
+        offset: pair("roi.x_offset", "roi.y_offset"),
+        roi: pair("roi.width", "roi.height"),
+        binning: pair("binning_x", "binning_y"),
+    })
 }

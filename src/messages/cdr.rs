@@ -15,20 +15,17 @@ use super::value::{Budget, Value};
 /// # Errors
 /// The message ends early or contradicts its schema.
 pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
-    let [0, flags, _, _, body @ ..] = message else {
-        return Err(match message {
-            [0x28, 0xb5, 0x2f, 0xfd, ..] => "the message itself is zstd-compressed (rosbag2 \
-                                             'message' compression); decompress with `ros2 bag \
-                                             convert` first"
-                .into(),
-            _ => format!("no CDR encapsulation header in {} bytes", message.len()),
-        });
-    };
-    if *flags > 1 {
-        return Err(format!("CDR representation {flags:#04x} is not plain CDR"));
-    }
-    Reader { body, at: 0, little: *flags == 1, aligned: true, budget: Budget::of(body) }
-        .root(layout)
+    Reader::of_cdr(message)?.root(layout)
+}
+
+/// Whether a message, CDR or ROS 1, can be read by this layout to its last byte.
+pub fn is_exact(layout: &Layout, message: &[u8], is_ros1: bool) -> bool {
+    let reader = if is_ros1 { Ok(Reader::of_ros1(message)) } else { Reader::of_cdr(message) };
+    reader.is_ok_and(|mut reader| {
+        // CDR may be padded to a multiple of four.
+        let padding = if is_ros1 { 0 } else { 3 };
+        reader.root(layout).is_ok() && reader.body.len() - reader.at <= padding
+    })
 }
 
 /// Reads one ROS 1 message by its layout.
@@ -36,8 +33,7 @@ pub fn read<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String>
 /// # Errors
 /// As [`read`].
 pub fn read_ros1<'a>(layout: &Layout, message: &'a [u8]) -> Result<Value<'a>, String> {
-    Reader { body: message, at: 0, little: true, aligned: false, budget: Budget::of(message) }
-        .root(layout)
+    Reader::of_ros1(message).root(layout)
 }
 
 struct Reader<'a> {
@@ -50,6 +46,21 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
+    fn of_cdr(message: &'a [u8]) -> Result<Self, String> {
+        let [0, flags, _, _, body @ ..] = message else {
+            return Err(format!("no CDR encapsulation header in {} bytes", message.len()));
+        };
+        if *flags > 1 {
+            return Err(format!("CDR representation {flags:#04x} is not plain CDR"));
+        }
+        let budget = Budget::of(body);
+        Ok(Self { body, at: 0, little: *flags == 1, aligned: true, budget })
+    }
+
+    fn of_ros1(body: &'a [u8]) -> Self {
+        Self { body, at: 0, little: true, aligned: false, budget: Budget::of(body) }
+    }
+
     fn root(&mut self, layout: &Layout) -> Result<Value<'a>, String> {
         self.record(layout, layout.records.len().checked_sub(1).ok_or("the schema is empty")?)
     }

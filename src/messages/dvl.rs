@@ -102,7 +102,9 @@ pub fn reading(
     if is_water_track(value) {
         return Ok(PingReading::none(RangeFact::WaterTrack));
     }
-    let scale = facts.sound_speed_ratio.unwrap_or(1.0);
+    // Ranges at a path of the rig file are in metres already.
+    let unit_m = facts.unit_m.filter(|_| facts.path.is_none()).unwrap_or(1.0);
+    let scale = facts.sound_speed_ratio.unwrap_or(1.0) * unit_m;
     if report.ranges.is_empty() {
         return Ok(PingReading {
             note: Some(RangeFact::NoBeams),
@@ -115,7 +117,7 @@ pub fn reading(
     let kind = facts.ranges.unwrap_or(report.kind);
     let is_good = |range: f64| {
         let is_marker = facts.bad_values.as_ref().is_some_and(|bad| bad.contains(&range));
-        range.is_finite() && range > 0.0 && is_within_limits(range, facts) && !is_marker
+        range.is_finite() && range > 0.0 && is_within_limits(range * unit_m, facts) && !is_marker
     };
     let ranges: Vec<Option<f64>> =
         report.ranges.iter().map(|r| r.filter(|r| is_good(*r))).collect();

@@ -23,6 +23,7 @@ mod header;
 mod idl_schema;
 mod imu;
 mod json;
+mod known_schemas;
 pub mod layout;
 mod mavlink_distance;
 mod odometry;
@@ -42,7 +43,7 @@ pub mod value;
 mod video;
 pub mod writer;
 
-pub use decoder::Decoder;
+pub use decoder::{ChannelSchema, Decoder};
 pub use header::{Header, attitude_frame, header};
 pub use reading::{AltitudeCheck, DepthSamples, FrameTransform, PingReading, RadiometrySetting};
 pub use table::{Kind, MessageType, TYPES};

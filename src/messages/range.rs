@@ -24,8 +24,7 @@ pub fn decode(value: &Value<'_>, facts: &DvlFacts) -> Result<PingReading, String
     let limit = |field: &str| value.number(field).unwrap_or(0.0);
     let (min, max) = (limit("min_range"), limit("max_range"));
     let within = range >= min && (max <= 0.0 || range < max);
-    let range = (range.is_finite() && range > 0.0 && within)
-        .then_some(range * facts.sound_speed_ratio.unwrap_or(1.0));
+    let range = (range.is_finite() && range > 0.0 && within).then_some(range * facts.scale());
     if limit("field_of_view") <= MAX_NARROW_RAD {
         let direction = Direction::from_vector(Vector3::x()).ok_or("no axis")?;
         let beam = Beam { direction, range: range.map(SlantRange) };

@@ -72,8 +72,8 @@ pub struct FrameTransform {
     pub parent: String,
     /// frame id
     pub child: String,
-    /// parent_from_child
-    pub pose: Isometry3<f64>,
+    /// parent_from_child; `None` where the rotation is no unit quaternion
+    pub pose: Option<Isometry3<f64>>,
 }
 
 /// `exposure`, `gain` or `strobe`, or `value` for a message of one number; and the value in the
@@ -108,16 +108,17 @@ pub(super) fn rotation(
     Ok((q.norm().is_finite() && q.norm() > 0.5).then(|| UnitQuaternion::from_quaternion(q)))
 }
 
-/// The pose of a transform message.
+/// The pose of a transform message; `None` where the rotation is no unit quaternion, or the
+/// translation not finite.
 ///
 /// # Errors
-/// A field is missing, or the rotation is not a unit quaternion.
+/// A field is missing.
 pub(super) fn pose(
     value: &Value<'_>,
     translation: &str,
     rotation: &str,
-) -> Result<Isometry3<f64>, String> {
+) -> Result<Option<Isometry3<f64>>, String> {
     let t = value.xyz(translation).ok_or_else(|| missing(translation))?;
-    let q = self::rotation(value, rotation).ok().flatten().ok_or("a transform has no rotation")?;
-    Ok(Isometry3::from_parts(Vector3::from(t).into(), q))
+    let q = self::rotation(value, rotation)?.filter(|_| t.iter().all(|v| v.is_finite()));
+    Ok(q.map(|q| Isometry3::from_parts(Vector3::from(t).into(), q)))
 }

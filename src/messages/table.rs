@@ -11,15 +11,15 @@ use super::{
     point_cloud, radiometry, range, ros_compressed_image, ros_image, transforms, video,
 };
 use crate::image::EncodedImage;
-use crate::vehicle::{Calibration, DvlFacts};
+use crate::vehicle::{CameraInfo, DvlFacts};
 
 /// What a channel carries, with the function that decodes it.
 #[derive(Clone, Copy, Debug)]
 pub enum Kind {
     /// camera images
     Image(for<'v> fn(&'v Value<'_>) -> Result<EncodedImage<'v>, String>),
-    /// camera calibration; `None` for an uncalibrated camera
-    CameraInfo(fn(&Value<'_>) -> Result<Option<Calibration>, String>),
+    /// camera calibration, also of an uncalibrated camera
+    CameraInfo(fn(&Value<'_>) -> Result<CameraInfo, String>),
     /// edges of the TF tree
     Transforms(fn(&Value<'_>) -> Result<Vec<FrameTransform>, String>),
     /// world_from_sensor; `None` where the message has no attitude
@@ -85,7 +85,7 @@ pub const TYPES: &[MessageType] = &[
         "raw images; also `foxglove.RawImage`"),
     row("sensor_msgs/CompressedImage", ros_compressed_image::matches,
         Kind::Image(ros_compressed_image::decode),
-        "JPEG, PNG, WebP, identified by their bytes; also `foxglove.CompressedImage`"),
+        "JPEG, PNG, TIFF, WebP, identified by their bytes; also `foxglove.CompressedImage`"),
     row("sensor_msgs/CameraInfo", camera_info::matches, Kind::CameraInfo(camera_info::decode),
         "calibration, with region of interest and binning; also `foxglove.CameraCalibration`"),
     row("tf2_msgs/TFMessage", transforms::matches, Kind::Transforms(transforms::decode),

@@ -42,6 +42,22 @@ pub fn same_name(a: &str, b: &str) -> bool {
 }
 
 impl<'a> Value<'a> {
+    /// The value with bytes and strings of its own.
+    pub fn into_owned(self) -> Value<'static> {
+        match self {
+            Self::Bool(v) => Value::Bool(v),
+            Self::Int(v) => Value::Int(v),
+            Self::Float(v) => Value::Float(v),
+            Self::Text(v) => Value::Text(v.into_owned().into()),
+            Self::Bytes(v) => Value::Bytes(v.into_owned().into()),
+            Self::Numbers(v) => Value::Numbers(v),
+            Self::List(v) => Value::List(v.into_iter().map(Self::into_owned).collect()),
+            Self::Record(fields) => {
+                Value::Record(fields.into_iter().map(|(n, v)| (n, v.into_owned())).collect())
+            }
+        }
+    }
+
     /// The value at a dotted path.
     pub fn get(&self, path: &str) -> Option<&Self> {
         path.split('.').try_fold(self, |value, name| match value {

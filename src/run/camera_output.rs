@@ -97,6 +97,7 @@ impl CameraOutput<'_> {
             source: session.file_name(),
             camera_topic: session.survey.camera_topic.clone(),
             corrected_topic: self.corrected_topic(),
+            camera_info_topic: session.survey.camera_info.clone(),
             dvl_topic: session.survey.dvl_topic.clone(),
             verdict: self.model.file.verdict.clone().filter(|_| self.is_full()),
             method: method_name(session.config.render.method).into(),

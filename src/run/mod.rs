@@ -2,14 +2,15 @@
 //! (pass two).
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
-//! `fit`, `output_names`, `prepared_model`, `camera_model`, `corrector`, `frame_corrector`,
-//! `bench`, `camera_output`, `ready`, `topics`, `pass_two`.
+//! `fit`, `dvl_yaw`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
+//! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`.
 
 pub mod bench;
 mod camera_model;
 mod camera_output;
 pub mod clock_offsets;
 mod corrector;
+mod dvl_yaw;
 mod fit;
 mod frame_corrector;
 pub mod memory;
@@ -36,7 +37,8 @@ use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
 
 pub use corrector::CorrectedFrame;
-use fit::{ensure_same_camera, fit_model};
+use dvl_yaw::fit_model_and_yaw;
+use fit::ensure_same_camera;
 pub use frame_corrector::FrameCorrector;
 use output_names::output_wire;
 pub use output_names::{corrected_topic, ensure_not_corrected, method_name, output_container};
@@ -60,7 +62,7 @@ pub fn estimate_logs(
     let logs: Vec<&CameraSession> = sessions.iter().collect();
     ensure_same_camera(&logs)?;
     let diagnostics = logs.iter().flat_map(|log| log.survey.diagnostics.clone()).collect();
-    Ok((fit_model(&logs, options, &threads, progress)?.0, diagnostics))
+    Ok((fit_model_and_yaw(&logs, options, &threads, progress)?.0, diagnostics))
 }
 
 /// Estimates a model from surveyed logs of one camera.
@@ -72,7 +74,7 @@ pub fn estimate(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<ModelFile> {
-    Ok(fit_model(logs, options, &Threads::new(options.threads), progress)?.0)
+    Ok(fit_model_and_yaw(logs, options, &Threads::new(options.threads), progress)?.0)
 }
 
 /// Corrects one camera of a log with a given model, or estimates one first.

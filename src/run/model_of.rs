@@ -6,7 +6,7 @@ use super::pooled::{Pooled, frame_gains};
 use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::{estimate_rendering, rendering_of};
-use crate::diagnostics::{Diagnostic, EstimateFact};
+use crate::diagnostics::{Diagnostic, EstimateFact, Fact, NotIdentified, RangeFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
     BackscatterFit, CameraFit, CameraKnown, CameraTermsFound, Dataset, EmpiricalFit, Estimate,
@@ -61,7 +61,11 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         None => exposure(frames, &found.estimate.model, lamps, white_level, config),
     };
     let diagnostics = diagnostics(&found, first, options);
-    let not_identified = found.estimate.not_identified.clone();
+    let has_equal_beams =
+        |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
+    let is_level = first.survey.diagnostics.iter().any(has_equal_beams);
+    let slope = is_level.then_some(NotIdentified::SlopeUnknown);
+    let not_identified = found.estimate.not_identified.clone().or(slope);
     let setting = |f: &FollowedSetting| {
         let SettingSeries { topic, name, .. } = first.survey.settings[f.index].clone();
         LightSettingFile { topic, name, law: f.law, reference: f.reference }

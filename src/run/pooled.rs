@@ -39,12 +39,9 @@ impl Pooled {
             pooled.add(first, session, collected)?;
         }
         if pooled.frames.is_empty() {
-            let reason = match first.survey.frames.len() {
-                0 => "the camera has no images".to_string(),
-                n => format!("none of {n} images has a seafloor below it and can be decoded"),
-            };
-            let remedy = "`unwater inspect` says what is missing".into();
-            return Err(Error::NotEstimated { reason, remedy });
+            first.ensure_seafloor()?;
+            let topic = &first.survey.camera_topic;
+            return Err(Error::Data(format!("no image of {topic} can be decoded and used")));
         }
         Ok(pooled)
     }

@@ -16,7 +16,7 @@ use crate::vehicle::Rig;
 use super::camera_model::CameraModel;
 use super::camera_output::CameraOutput;
 use super::corrector::Corrector;
-use super::fit::fit_model;
+use super::dvl_yaw::fit_model_and_yaw;
 use super::model_of::{exposure, strobe_of};
 use super::output_names::{camera_name, ensure_not_corrected};
 use super::pass_one::PassOne;
@@ -55,7 +55,7 @@ impl ReadyCamera {
     ) -> Result<Self> {
         let method = options.config.render.method;
         let (mut file, means) = match model {
-            None => fit_model(&[&session], options, threads, progress)?,
+            None => fit_model_and_yaw(&[&session], options, threads, progress)?,
             Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
                 (file, MeanFrames::default())
             }

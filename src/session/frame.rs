@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use super::camera::CameraSession;
 use super::index::FrameRef;
 use crate::diagnostics::Reason;
+use crate::error::Error;
 use crate::geometry::{NoSeafloor, SeafloorPlane, Terrain, View};
 use crate::image::decode::{CameraResponse, PixelValues, read_pixels_with};
 use crate::image::flat_field::FlatField;
@@ -123,6 +124,32 @@ impl CameraSession {
     /// No ping near enough, no return, or an implausible plane.
     pub fn seafloor(&self, stamp: Stamp) -> Result<SeafloorPlane, NoSeafloor> {
         self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor)
+    }
+
+    /// Checks that some image has a seafloor below it.
+    ///
+    /// # Errors
+    /// None has; with the most frequent reason.
+    pub fn ensure_seafloor(&self) -> crate::error::Result<()> {
+        let (frames, survey) = (&self.survey.frames, &self.survey);
+        let (camera_topic, dvl_topic) = (&survey.camera_topic, &survey.dvl_topic);
+        let mut reasons: Vec<(Reason, usize)> = Vec::new();
+        for frame in frames {
+            let Err(why) = self.seafloor(frame.stamp) else { return Ok(()) };
+            let reason = no_seafloor(&why);
+            match reasons.iter_mut().find(|(known, _)| *known == reason) {
+                Some((_, count)) => *count += 1,
+                None => reasons.push((reason, 1)),
+            }
+        }
+        let reason = reasons.into_iter().max_by_key(|(_, count)| *count).map(|(reason, _)| reason);
+        Err(Error::Data(match reason {
+            None => format!("{camera_topic} has no images"),
+            Some(reason) => format!(
+                "no image of {camera_topic} has a seafloor below it by {dvl_topic}: {reason}; {}",
+                reason.remedy().unwrap_or_default()
+            ),
+        }))
     }
 
     /// Geometry of a frame before its image is decoded: at the size of the calibration, on flat

@@ -3,19 +3,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::joints::{self, Joint};
 use super::readings::{ChannelReadings, Readings};
 use crate::diagnostics::RangeFact;
 use crate::image::decode::{CameraResponse, describe, white_level};
 use crate::image::{Container, EncodedImage, decode};
 use crate::messages::value::Value;
-use crate::messages::{Decoder, FrameTransform, Kind, attitude_frame, header};
+use crate::messages::{ChannelSchema, Decoder, Kind, attitude_frame, header};
 use crate::parallel::{Job, Threads};
 use crate::recording::{
     Block, Channel, Contents, Damage, Entry, FrameId, Message, Recording, Window,
 };
 use crate::stats;
 use crate::units::Stamp;
-use crate::vehicle::{Calibration, DvlFacts};
+use crate::vehicle::{CameraInfo, DvlFacts};
 
 /// A frame of a camera: all that is known without decoding it.
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +36,8 @@ pub struct ChannelIndex {
     pub count: u64,
     /// number of messages that contradict their schema, and the first reason
     pub unreadable: (u64, Option<String>),
+    /// name of the schema whose known definition is used, as the log has none
+    pub known_schema: Option<String>,
     /// frame id of the first message
     pub frame_id: String,
     /// image encoding and size, in one line
@@ -51,16 +54,18 @@ pub struct ChannelIndex {
     pub largest_image_bytes: usize,
     /// width and height of the first image (px)
     pub image_size: Option<(usize, usize)>,
+    /// why the first image that was examined and cannot be decoded cannot be
+    pub undecodable: Option<String>,
     /// file format of the images
     pub container: Option<Container>,
     /// what the decoder mended or assumed, each once
     pub notes: Vec<RangeFact>,
     /// the codec, where the channel holds video
     pub video: Option<String>,
-    /// the first calibration of a calibrated camera
-    pub camera: Option<Calibration>,
-    /// TF edges, first of each child
-    pub edges: Vec<FrameTransform>,
+    /// the first calibration, or the first of a calibrated camera
+    pub camera: Option<CameraInfo>,
+    /// edges of the TF tree
+    pub joints: Vec<Joint>,
 }
 
 /// What a log holds.
@@ -197,8 +202,8 @@ impl<'s> Scan<'s> {
         }
     }
 
-    /// Decoders that need a channel's first message: JSON without a schema, depth in the shape of
-    /// an image.
+    /// Decoders that need a channel's first message: those of insufficient schemas, and depth in
+    /// the shape of an image.
     fn examine_first(&mut self, message: &Message) {
         let Some(channel) = self.recording.channels.get(&message.channel) else { return };
         let Some(of_channel) = self.index.channels.get_mut(&message.channel) else { return };
@@ -207,14 +212,22 @@ impl<'s> Scan<'s> {
         }
         if let Some(decoder) = self.index.decoders.get_mut(&message.channel) {
             decoder.refine(&channel.topic, message.data());
-        } else if channel.schema_id == 0 && channel.message_encoding == "json" {
-            match Decoder::for_json(&channel.topic, message.data()) {
-                Ok(Some(decoder)) => {
-                    self.index.decoders.insert(message.channel, decoder);
-                }
-                Ok(None) => {}
-                Err(e) => of_channel.unreadable.1 = Some(e),
+            return;
+        }
+        let schema = self.recording.schemas.get(&channel.schema_id);
+        let (name, encoding, data) =
+            schema.map_or(("", "", &[][..]), |s| (&s.name, &s.encoding, &s.data));
+        let (topic, message_encoding) = (&channel.topic, &channel.message_encoding);
+        let schema = ChannelSchema { topic, message_encoding, name, encoding, data };
+        match Decoder::for_first_message(schema, message.data()) {
+            Ok(Some((mut decoder, is_known))) => {
+                decoder.refine(topic, message.data());
+                self.index.decoders.insert(message.channel, decoder);
+                of_channel.unreadable.1 = None;
+                of_channel.known_schema = is_known.then(|| name.to_string());
             }
+            Ok(None) => {}
+            Err(e) => of_channel.unreadable.1 = Some(e),
         }
     }
 
@@ -236,6 +249,7 @@ impl<'s> Scan<'s> {
             return;
         }
         let mut sink = ChannelSink {
+            is_inside,
             index: channel,
             readings: self.readings.0.entry(message.channel).or_default(),
             clock_offsets: self.clock_offsets.entry(message.channel).or_default(),
@@ -270,6 +284,8 @@ fn is_probed(index: usize) -> bool {
 
 /// Where the content of one channel goes.
 struct ChannelSink<'s> {
+    /// whether the message lies in the window
+    is_inside: bool,
     index: &'s mut ChannelIndex,
     readings: &'s mut ChannelReadings,
     clock_offsets: &'s mut Vec<f64>,
@@ -299,16 +315,17 @@ impl ChannelSink<'_> {
                 self.index.image(&decode(&value)?, frame);
             }
             Kind::CameraInfo(decode) => {
-                if self.index.camera.is_none() {
-                    self.index.camera = decode(&value)?;
+                if !self.index.camera.as_ref().is_some_and(CameraInfo::is_calibrated) {
+                    let info = decode(&value)?;
+                    if self.index.camera.is_none() || info.is_calibrated() {
+                        self.index.camera = Some(info);
+                    }
                 }
             }
             Kind::Transforms(decode) => {
-                for edge in decode(&value)? {
-                    if self.index.edges.iter().all(|known| known.child != edge.child) {
-                        self.index.edges.push(edge);
-                    }
-                }
+                let is_inside = self.is_inside;
+                let edges = decode(&value)?.into_iter();
+                edges.for_each(|edge| joints::add(&mut self.index.joints, edge, is_inside));
             }
             Kind::Attitude(decode) => {
                 self.readings.attitude(frame.stamp, logged, decode(&value)?);
@@ -354,12 +371,15 @@ impl ChannelIndex {
             self.description = describe(image);
             self.image_size = decode::size(image);
         }
-        if is_probed(self.frames.len())
-            && let Ok(decoded) = decode::decode(image, CameraResponse::default())
-        {
-            self.container.get_or_insert(decoded.coding.container);
-            if decoded.coding.bits == 16 {
-                self.bits_used |= decoded.coding.bits_used;
+        if is_probed(self.frames.len()) {
+            match decode::decode(image, CameraResponse::default()) {
+                Ok(decoded) => {
+                    self.container.get_or_insert(decoded.coding.container);
+                    if decoded.coding.bits == 16 {
+                        self.bits_used |= decoded.coding.bits_used;
+                    }
+                }
+                Err(reason) => drop(self.undecodable.get_or_insert(reason)),
             }
         }
         self.frames.push(frame);

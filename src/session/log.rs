@@ -109,6 +109,16 @@ impl Log {
         ids.iter().filter_map(|id| self.index.channels.get(id)).collect()
     }
 
+    /// Channels that are not read although they may hold what is missing, with the reason.
+    pub fn unreadable_list(&self) -> String {
+        let channels = self.index.channels.iter();
+        let unread = channels.filter(|(id, _)| !self.index.decoders.contains_key(id));
+        let reason = |(id, channel): (&u16, &ChannelIndex)| {
+            Some(format!("; {}: {}", self.topic(*id), channel.unreadable.1.as_ref()?))
+        };
+        unread.filter_map(reason).collect()
+    }
+
     /// Topic and type of every channel, in one line.
     pub fn channel_list(&self) -> String {
         let type_of = |schema_id| {

@@ -12,6 +12,7 @@ mod camera;
 mod frame;
 mod frame_gains;
 pub mod index;
+mod joints;
 mod log;
 mod options;
 mod readings;

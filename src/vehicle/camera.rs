@@ -178,59 +178,6 @@ impl Distortion {
     }
 }
 
-/// A calibration as in `CameraInfo`: of the full sensor, and of the images after region of interest
-/// and binning.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Calibration {
-    /// full sensor
-    pub full: Camera,
-    /// after region of interest and binning
-    pub cropped: Camera,
-}
-
-impl Calibration {
-    /// Applies a region of interest (offset and size in pixels of the full sensor; size 0 for all
-    /// of it), then binning.
-    pub fn new(
-        full: Camera,
-        offset: (usize, usize),
-        size: (usize, usize),
-        binning: (usize, usize),
-    ) -> Self {
-        let or = |size: usize, all: usize| if size == 0 { all } else { size };
-        let (width, height) = (or(size.0, full.width), or(size.1, full.height));
-        let (bx, by) = (binning.0.max(1), binning.1.max(1));
-        let inside = offset.0.saturating_add(width) <= full.width
-            && offset.1.saturating_add(height) <= full.height;
-        if !inside || width < bx || height < by {
-            return Self { full, cropped: full };
-        }
-        let centre =
-            |c: f64, offset: usize, bin: usize| (c + 0.5 - offset as f64) / bin as f64 - 0.5;
-        let cropped = Camera {
-            width: width / bx,
-            height: height / by,
-            fx: full.fx / bx as f64,
-            fy: full.fy / by as f64,
-            cx: centre(full.cx, offset.0, bx),
-            cy: centre(full.cy, offset.1, by),
-            distortion: full.distortion,
-        };
-        Self { full, cropped }
-    }
-
-    /// The calibration for images of this size; `None` where the aspect ratio differs. Some drivers
-    /// announce binning or cropping and do not apply it; the image size decides.
-    pub fn for_image_size(&self, image: Option<(usize, usize)>) -> Option<Camera> {
-        let Some((width, height)) = image else { return Some(self.cropped) };
-        let of_size =
-            [self.cropped, self.full].into_iter().find(|c| (c.width, c.height) == (width, height));
-        of_size.or_else(|| {
-            [self.cropped, self.full].into_iter().find(|c| c.scaled_to(width, height).is_some())
-        })
-    }
-}
-
 /// A calibrated camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
@@ -414,23 +361,6 @@ mod tests {
             (angle(&air) / angle(&water) - 1.33).abs() < 1e-9,
             "the sines have the ratio of the refractive index"
         );
-    }
-
-    #[test]
-    fn binning_and_region_of_interest() {
-        let full = Camera::from_field_of_view(1920, 1200, 60.0);
-        let calibration = Calibration::new(full, (320, 200), (1280, 800), (2, 2));
-        let half = calibration.cropped;
-        assert_eq!((half.width, half.height), (640, 400));
-        // The same position on the sensor, the middle of four pixels, by both calibrations.
-        let (a, b) = (full.ray(320.0 + 100.5, 200.0 + 60.5), half.ray(50.0, 30.0));
-        assert!((a.expect("a ray").vector() - b.expect("a ray").vector()).norm() < 1e-12);
-        assert_eq!(
-            calibration.for_image_size(Some((1920, 1200))),
-            Some(full),
-            "a driver that does not crop after all"
-        );
-        assert_eq!(calibration.for_image_size(Some((640, 640))), None);
     }
 
     #[test]

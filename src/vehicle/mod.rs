@@ -6,6 +6,7 @@
 
 mod attitude;
 mod camera;
+mod camera_info;
 mod lamps;
 mod light_setting;
 mod ping;
@@ -13,7 +14,8 @@ mod rig;
 mod rig_file_check;
 
 pub use attitude::AttitudeTrack;
-pub use camera::{Calibration, Camera, Distortion, LensModel};
+pub use camera::{Camera, Distortion, LensModel};
+pub use camera_info::{CameraInfo, Intrinsics};
 pub use lamps::{Lamp, Lamps, MAX_LAMPS};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};

@@ -160,6 +160,9 @@ const REFRACTIVE_INDEX: f64 = 1.33;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraFacts {
+    /// topic of the camera_info to use, where it shares neither namespace nor frame with the images
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_info: Option<String>,
     /// image size of the calibration (px)
     pub width: Option<usize>,
     /// image size of the calibration (px)
@@ -290,7 +293,8 @@ pub struct DvlFacts {
     pub path: Option<String>,
     /// path of the validity flags
     pub valid_path: Option<String>,
-    /// metres per unit of the values at `path` (0.001 for millimetres)
+    /// metres per unit of the ranges in the messages, or of the values at `path` (0.001 for
+    /// millimetres)
     pub unit_m: Option<f64>,
     /// extrinsics
     pub mount: Option<MountFacts>,
@@ -374,6 +378,13 @@ pub struct RigFile {
     /// clock correction by topic: seconds to add to its stamps (s)
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub time_offset_s: BTreeMap<String, f64>,
+}
+
+impl DvlFacts {
+    /// Metres per unit of the ranges in a message that is in metres unless the file says otherwise.
+    pub fn scale(&self) -> f64 {
+        self.sound_speed_ratio.unwrap_or(1.0) * self.unit_m.unwrap_or(1.0)
+    }
 }
 
 impl CameraFacts {

@@ -288,7 +288,7 @@ fn a_window_reads_only_the_chunks_it_needs() {
     assert!(share < 0.15, "{share}");
     assert!(
         scanned.channels.values().any(|c| c.camera.is_some())
-            && scanned.channels.values().any(|c| !c.edges.is_empty())
+            && scanned.channels.values().any(|c| !c.joints.is_empty())
     );
     assert_eq!(scanned.channels.values().map(|c| c.frames.len()).sum::<usize>(), 12);
 }

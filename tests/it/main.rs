@@ -12,6 +12,7 @@ mod conditions;
 mod damage;
 mod docs;
 mod examples;
+mod field_faults;
 mod foreign_bytes;
 mod jpeg;
 mod judge;

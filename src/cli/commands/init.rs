@@ -63,7 +63,7 @@ fn known_facts(log: &Log, options: &Options) -> Result<(RigFile, Vec<String>)> {
 
 fn is_missing_fact(error: &Error) -> bool {
     use Error::{NoCalibration, NoMount, NoRanges, Rig};
-    matches!(error, NoMount { .. } | NoCalibration { .. } | NoRanges { .. } | Rig(_))
+    matches!(error, NoMount(_) | NoCalibration { .. } | NoRanges { .. } | Rig(_))
 }
 
 /// Facts that were assumed because the log lacks them.
@@ -87,7 +87,7 @@ impl Assumed {
                 self.calibration = true;
                 true
             }
-            Error::NoMount { .. } if !self.dvl_mount => {
+            Error::NoMount(_) if !self.dvl_mount => {
                 dvl.mount = Some(MountFacts::of(nalgebra::Isometry3::identity()));
                 self.dvl_mount = true;
                 true

@@ -13,7 +13,7 @@ use crate::recording::{Channel, Recording};
 use crate::run::clock_offsets::clock_offsets;
 use crate::run::memory::Load;
 use crate::run::{self, corrected_topic, output_container};
-use crate::session::{CameraSession, Log, Options, Threads};
+use crate::session::{CameraSession, Log, Options, Silent, Threads};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         "diagnostics": recording.diagnostics(),
         "channels": channels(&log),
         "plan": plans.first(),
-        "plans": plans,
+        "plans": &plans,
         "missing": if missing.is_empty() { None } else { Some(missing.join("; ")) },
     });
     if args.json {
@@ -62,7 +62,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     } else {
         print(&text(&document));
     }
-    Ok(if index.damage.is_empty() { Outcome::Done } else { Outcome::DoneWithLosses })
+    Ok(match (plans.is_empty(), index.damage.is_empty()) {
+        (true, _) => Outcome::CannotCorrect,
+        (false, true) => Outcome::Done,
+        (false, false) => Outcome::DoneWithLosses,
+    })
 }
 
 /// The channels of a log.
@@ -88,19 +92,30 @@ fn channels(log: &Log) -> Vec<Value> {
     log.recording.channels.iter().map(describe).collect()
 }
 
+/// Of so few images a model is estimated, to see whether that is possible.
+const FEW_FRAMES: usize = 12;
+
 /// Plan of each camera, and what is missing for others.
 type Plans = (Vec<Value>, Vec<String>);
 
 fn plans(log: &Log, options: &Options, with_clocks: bool) -> Plans {
-    let session = CameraSession::new(log, options)
-        .and_then(|session| run::ensure_not_corrected(&session, None).map(|()| session));
-    match session {
+    let survey = |options: &Options| {
+        let session = CameraSession::new(log, options)?;
+        run::ensure_not_corrected(&session, None)?;
+        session.ensure_seafloor()?;
+        // Few images may not suffice; only the estimate shows it, and it is quick.
+        if session.survey.frames.len() <= FEW_FRAMES {
+            run::estimate(&[&session], options, &Silent)?;
+        }
+        Ok(session)
+    };
+    match survey(options) {
         Ok(session) => (vec![plan(&session, options, with_clocks)], Vec::new()),
         Err(Error::SeveralCameras { topics }) => {
             let (mut plans, mut missing) = (Vec::new(), Vec::new());
             for topic in topics {
                 let options = options.for_camera(&topic);
-                match CameraSession::new(log, &options) {
+                match survey(&options) {
                     Ok(session) => plans.push(plan(&session, &options, with_clocks)),
                     Err(e) => missing.push(format!("{topic}: {e}")),
                 }
@@ -130,6 +145,7 @@ fn plan(session: &CameraSession, options: &Options, with_clocks: bool) -> Value 
         "frames": s.frames.len(),
         "frames_with_seafloor": altitudes.len(),
         "camera_altitude_m": (!altitudes.is_empty()).then_some([lowest, highest]),
+        "camera_info": s.camera_info,
         "dvl": s.dvl_topic,
         "pings": s.pings.count(),
         "attitude": s.attitude_topic,

@@ -83,6 +83,8 @@ impl Text {
             "would correct {camera} ({} frames) into {corrected}",
             plan["frames"]
         ));
+        let info = plan["camera_info"].as_str().unwrap_or("the rig file");
+        self.line(format_args!("  calibration from {info}"));
         self.line(format_args!(
             "  seafloor from {} ({} pings): below {} frames{altitude}",
             string(&plan["dvl"]),

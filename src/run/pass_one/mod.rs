@@ -99,6 +99,8 @@ impl PassOne<'_> {
             Ok(())
         })?;
         progress.end();
+        // They come in the order of the file; neighbours are neighbours in time.
+        collected.frames.sort_by_key(|samples| samples.frame);
         if with_keypoints {
             let run = (threads, progress);
             collected.pairs = pairs::matched(&collected.frames, session, config, pace, run)?;

@@ -1,5 +1,7 @@
 //! The attitude of the vehicle along the log.
 
+use std::collections::BTreeMap;
+
 use super::super::log::Log;
 use super::clocks::Clocks;
 use super::mounts::Mounts;
@@ -23,35 +25,42 @@ impl Search<'_> {
         diagnostics: &mut Vec<Diagnostic>,
     ) -> (Option<String>, AttitudeTrack) {
         let Self { log, mounts, body_frame, clocks } = *self;
-        let channels = log.index.channels.iter();
-        let best = channels
-            .filter(|(id, _)| !log.readings.of(**id).attitudes.is_empty())
-            .max_by_key(|(id, c)| {
-                let without = log.readings.of(**id).without_attitude;
-                (c.count.saturating_sub(without), std::cmp::Reverse(**id))
-            });
-        let Some((id, channel)) = best else {
+        let mut topics: BTreeMap<String, (u64, Vec<u16>)> = BTreeMap::new();
+        for (id, channel) in &log.index.channels {
+            let readings = log.readings.of(*id);
+            if !readings.attitudes.is_empty() {
+                let topic = topics.entry(log.topic(*id)).or_default();
+                topic.0 += channel.count.saturating_sub(readings.without_attitude);
+                topic.1.push(*id);
+            }
+        }
+        // Of equal ones that of the first channel.
+        let best = topics.into_iter().max_by_key(|(_, (n, ids))| (*n, std::cmp::Reverse(ids[0])));
+        let Some((topic, (_, ids))) = best else {
             diagnostics.push(MountFact::NoAttitude.into());
             return (None, AttitudeTrack::default());
         };
-        let topic = log.topic(*id);
-        let sensor_from_body = match mounts.pose_below(body_frame, &channel.frame_id) {
-            Some(pose) => pose.rotation.inverse(),
-            None => {
-                if channel.frame_id != body_frame {
-                    let frame = channel.frame_id.clone();
-                    let fact = MountFact::AttitudeFrameUnknown { frame };
-                    diagnostics.push(Diagnostic::on(&topic, fact));
-                }
-                nalgebra::UnitQuaternion::identity()
-            }
-        };
-        let is_cameras = clocks.is_cameras(channel.clock_offset_s);
         let offset_s = clocks.offset_s(&topic);
-        let samples = log.readings.of(*id).attitudes.iter().map(|(stamp, logged, rotation)| {
-            let stamp = if is_cameras { *stamp } else { clocks.on_camera_clock(*logged) };
-            (stamp.plus_seconds(offset_s), rotation * sensor_from_body)
-        });
-        (Some(topic), AttitudeTrack::new(samples.collect(), config.max_attitude_gap_s))
+        let mut samples = Vec::new();
+        for (id, channel) in ids.iter().filter_map(|id| Some((id, log.index.channels.get(id)?))) {
+            let sensor_from_body = match mounts.pose_below(body_frame, &channel.frame_id) {
+                Some(pose) => pose.rotation.inverse(),
+                None => {
+                    if channel.frame_id != body_frame {
+                        let frame = channel.frame_id.clone();
+                        let fact = MountFact::AttitudeFrameUnknown { frame };
+                        diagnostics.push(Diagnostic::on(&topic, fact));
+                    }
+                    nalgebra::UnitQuaternion::identity()
+                }
+            };
+            let is_cameras = clocks.is_cameras(channel.clock_offset_s);
+            let of_channel = log.readings.of(*id).attitudes.iter();
+            samples.extend(of_channel.map(|(stamp, logged, rotation)| {
+                let stamp = if is_cameras { *stamp } else { clocks.on_camera_clock(*logged) };
+                (stamp.plus_seconds(offset_s), rotation * sensor_from_body)
+            }));
+        }
+        (Some(topic), AttitudeTrack::new(samples, config.max_attitude_gap_s))
     }
 }

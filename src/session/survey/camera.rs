@@ -3,6 +3,7 @@
 use super::super::index::FrameRef;
 use super::super::log::Log;
 use super::super::options::Options;
+use super::calibration::{Images, calibration_in_log};
 use super::choose::choose_camera;
 use super::{checks, clocks};
 use crate::diagnostics::{CameraFact, Diagnostic};
@@ -33,6 +34,8 @@ pub struct CameraSurvey {
     /// median of header time − log time (s)
     pub clock_offset_s: Option<f64>,
     pub calibration: Camera,
+    /// topic of the camera_info in use; `None` where the rig file has the calibration
+    pub camera_info: Option<String>,
     pub response: Option<ResponseTable>,
     pub flat_field: Option<FlatField>,
 }
@@ -42,9 +45,17 @@ impl CameraSurvey {
         let topic = choose_camera(log, &options.selection, diagnostics)?;
         let channels = log.image_channels(&topic);
         let of_camera = log.channels(&channels);
+        if let Some(reason) = of_camera.iter().find_map(|c| c.undecodable.clone())
+            && of_camera.iter().all(|c| c.container.is_none())
+        {
+            return Err(Error::Data(format!("the images of {topic} cannot be decoded: {reason}")));
+        }
         let size = of_camera.iter().find_map(|c| c.image_size);
-        let frame_ids = of_camera.iter().map(|c| c.frame_id.clone());
-        let calibration = calibration(log, options, &topic, size, diagnostics)?;
+        let frame_id = of_camera.iter().map(|c| c.frame_id.clone()).find(|f| !f.is_empty());
+        let frame_id = frame_id.unwrap_or_default();
+        let named_info = options.rig.camera.camera_info.as_deref();
+        let images = Images { topic: &topic, frame: &frame_id, size, named_info };
+        let (calibration, camera_info) = calibration(log, options, images, diagnostics)?;
         let response = response(options)?;
         let flat_field = flat_field(options, &calibration, size, response.as_ref())?;
         let own_white_level = || of_camera.iter().find_map(|c| c.white_level());
@@ -56,7 +67,7 @@ impl CameraSurvey {
         Ok(Self {
             frames,
             offset_s,
-            frame_id: frame_ids.into_iter().find(|f| !f.is_empty()).unwrap_or_default(),
+            frame_id,
             container: of_camera.iter().find_map(|c| c.container).unwrap_or(Container::Raw),
             image_pixels: size
                 .map_or(calibration.width * calibration.height, |(w, h)| w.saturating_mul(h)),
@@ -67,6 +78,7 @@ impl CameraSurvey {
             topic,
             channels,
             calibration,
+            camera_info,
             response,
             flat_field,
         })
@@ -84,28 +96,38 @@ impl CameraSurvey {
     /// A warning where the topic's name shows that the images have been processed.
     pub fn processed_before(&self) -> Option<Diagnostic> {
         let name = self.topic.to_lowercase();
-        let is_processed = self.topic.contains("rect")
-            || ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| name.contains(w));
+        let is_processed = ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| name.contains(w));
         is_processed.then(|| Diagnostic::on(&self.topic, CameraFact::AlreadyProcessed))
     }
 }
 
+/// The calibration, and the topic of its camera_info where it is of the log.
 fn calibration(
     log: &Log,
     options: &Options,
-    topic: &str,
-    size: Option<(usize, usize)>,
+    images: Images<'_>,
     diagnostics: &mut Vec<Diagnostic>,
-) -> Result<Camera> {
+) -> Result<(Camera, Option<String>)> {
+    let Images { topic, size, .. } = images;
     let facts = &options.rig.camera;
     let from_rig = facts.calibration(size).map_err(|e| Error::Rig(format!("rig file: {e}")))?;
-    let from_log = checks::nearest_calibration(log, topic, size);
-    let mut add = |fact| diagnostics.push(Diagnostic::on(topic, fact));
     if facts.horizontal_field_of_view_deg.is_some() && facts.fx.is_none() && from_rig.is_some() {
-        add(CameraFact::FieldOfViewOnly);
+        diagnostics.push(Diagnostic::on(topic, CameraFact::FieldOfViewOnly));
     }
-    let camera =
-        from_rig.or(from_log).ok_or_else(|| Error::NoCalibration { topic: topic.into() })?;
+    let (camera, info) = match from_rig {
+        Some(camera) => (camera, None),
+        None => {
+            let found = calibration_in_log(log, images);
+            let camera = found.camera.ok_or_else(|| Error::NoCalibration {
+                topic: topic.into(),
+                found: found.facts.iter().map(|d| format!("; {d}")).collect(),
+                file: log.recording.path().into(),
+            })?;
+            diagnostics.extend(found.facts);
+            (camera, found.topic)
+        }
+    };
+    let mut add = |fact| diagnostics.push(Diagnostic::on(topic, fact));
     if let Some((w, h)) = size.filter(|(w, h)| (*w, *h) != (camera.width, camera.height)) {
         let calibrated_px = [camera.width, camera.height];
         add(CameraFact::CalibrationScaled { calibrated_px, image_px: [w, h] });
@@ -114,7 +136,7 @@ fn calibration(
     if in_water != camera {
         add(CameraFact::CalibratedInAir { focal_px: in_water.fx });
     }
-    Ok(in_water)
+    Ok((in_water, info))
 }
 
 /// The camera's response by the rig file: a table, or the file that holds it.

@@ -1,13 +1,11 @@
-//! Consistency checks: ranges and altitudes, stamps and log times, images and calibrations. They
-//! report and change nothing.
+//! Consistency checks: ranges and altitudes, stamps and log times. They report and change nothing.
 
 use super::super::index::ChannelIndex;
-use super::super::log::Log;
 use crate::diagnostics::{ClockFact, RangeFact};
 use crate::messages::AltitudeCheck;
 use crate::stats::median;
 use crate::units::Stamp;
-use crate::vehicle::{Camera, Ping, RangeKind};
+use crate::vehicle::{Ping, RangeKind};
 
 /// Fewer messages are no evidence.
 const MIN_MESSAGES: usize = 5;
@@ -17,19 +15,7 @@ const MAX_COSINE: f64 = 0.98;
 const DEVICE_CLOCK_S: f64 = 60.0;
 
 /// This many equal readings in a row are no measurement.
-const FROZEN_MESSAGES: usize = 20;
-
-/// The calibration that fits images of this size, and whose topic has most elements in common with
-/// theirs.
-pub fn nearest_calibration(log: &Log, topic: &str, size: Option<(usize, usize)>) -> Option<Camera> {
-    let shared =
-        |other: &str| other.split('/').zip(topic.split('/')).take_while(|(a, b)| a == b).count();
-    let of_log = log.index.channels.iter().filter_map(|(id, c)| {
-        let name = &log.recording.channels.get(id)?.topic;
-        Some((std::cmp::Reverse(shared(name)), name, c.camera?.for_image_size(size)?))
-    });
-    of_log.min_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1))).map(|(_, _, camera)| camera)
-}
+pub const FROZEN_MESSAGES: usize = 20;
 
 /// The altitude of an instrument with four good beams is cos θ of their mean where they are slant,
 /// and the mean itself where they are vertical.

@@ -26,7 +26,7 @@ pub fn choose_camera(
     }
     if let Some(topic) = &selection.camera {
         return match video(log, topic) {
-            Some(codec) => Err(Error::Video { topic: topic.clone(), codec }),
+            Some(codec) => Err(video_error(log, topic, codec)),
             None if frames.contains_key(topic) => Ok(topic.clone()),
             None => {
                 let topics: Vec<String> = frames.into_keys().collect();
@@ -45,7 +45,7 @@ pub fn choose_camera(
         }
     }
     if let (true, Some((topic, codec))) = (topics.is_empty(), videos.into_iter().next()) {
-        return Err(Error::Video { topic, codec });
+        return Err(video_error(log, &topic, codec));
     }
     let is_own = |t: &String| t.contains("image_corrected") || t.starts_with("/unwater/");
     if !topics.iter().all(is_own) {
@@ -59,10 +59,14 @@ pub fn choose_camera(
         diagnostics.push(Diagnostic::on(&raw, CameraFact::RawPreferred { compressed_topic }));
     }
     match topics.len() {
-        0 => Err(Error::NoCamera { seen: log.channel_list() }),
+        0 => Err(Error::NoCamera { seen: log.channel_list(), unreadable: log.unreadable_list() }),
         1 => Ok(topics.into_iter().next().unwrap_or_default()),
         _ => Err(Error::SeveralCameras { topics: topics.into_iter().collect() }),
     }
+}
+
+fn video_error(log: &Log, topic: &str, codec: String) -> Error {
+    Error::Video { topic: topic.into(), codec, file: log.recording.path().into() }
 }
 
 /// The codec of a topic that holds video.
@@ -115,7 +119,7 @@ pub fn choose_ranges(
             let topic = log.topic(id);
             Err(match complaint {
                 Some(complaint) => Error::Rig(format!("{topic}: {complaint}")),
-                None => Error::Usage(format!(
+                None => Error::Data(format!(
                     "{topic} holds no valid range to the seafloor; another instrument can be \
                      named with --dvl TOPIC"
                 )),
@@ -126,7 +130,9 @@ pub fn choose_ranges(
             topic: wanted.clone(),
             seen: log.channel_list(),
         }),
-        (None, None, None) => Err(Error::NoRanges { seen: log.channel_list() }),
+        (None, None, None) => {
+            Err(Error::NoRanges { seen: log.channel_list(), unreadable: log.unreadable_list() })
+        }
     }
 }
 

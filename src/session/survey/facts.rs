@@ -5,7 +5,7 @@ use crate::vehicle::{CameraFacts, LampFacts, MountFacts, Rig, RigFile, StrobeMou
 
 use super::super::log::Log;
 use super::super::options::Options;
-use super::checks;
+use super::calibration::{Images, calibration_in_log};
 use super::choose::choose_camera;
 use super::lights::{Vehicle, strobe_mount};
 use super::mounts::Mounts;
@@ -17,7 +17,11 @@ pub fn facts_without_ranges(log: &Log, options: &Options) -> RigFile {
     };
     let of_camera = log.channels(&log.image_channels(&topic));
     let size = of_camera.iter().find_map(|c| c.image_size);
-    let mut camera = match checks::nearest_calibration(log, &topic, size) {
+    let camera_frame =
+        of_camera.iter().map(|c| c.frame_id.as_str()).find(|f| !f.is_empty()).unwrap_or_default();
+    let named_info = options.rig.camera.camera_info.as_deref();
+    let images = Images { topic: &topic, frame: camera_frame, size, named_info };
+    let mut camera = match calibration_in_log(log, images).camera {
         Some(camera) => CameraFacts::of(&camera),
         None => CameraFacts {
             width: size.map(|p| p.0),
@@ -26,8 +30,6 @@ pub fn facts_without_ranges(log: &Log, options: &Options) -> RigFile {
         },
     };
     let mounts = Mounts::new(log);
-    let camera_frame =
-        of_camera.iter().map(|c| c.frame_id.as_str()).find(|f| !f.is_empty()).unwrap_or_default();
     let (body_frame, pose) = mounts.root(camera_frame);
     let mut file = RigFile::default();
     if body_frame != camera_frame {

@@ -2,6 +2,7 @@
 //! names what was found, what is needed, and the key or option that supplies it.
 
 mod attitude;
+mod calibration;
 mod camera;
 mod checks;
 mod choose;
@@ -9,7 +10,10 @@ mod clocks;
 mod facts;
 mod lights;
 mod mounts;
+mod ping_faults;
+mod range_unit;
 mod ranges;
+mod view_check;
 
 use crate::config::SeafloorConfig;
 use crate::coordinates::Transform;
@@ -25,7 +29,7 @@ use crate::image::transfer::Transfer;
 use crate::model::{CameraFile, GeometryFile, LightSettingFile, ModelFile};
 use crate::recording::FrameId;
 use crate::units::Stamp;
-use crate::vehicle::{Rig, SettingSeries};
+use crate::vehicle::{Rig, RigFile, SettingSeries};
 
 use super::frame_gains::FrameGains;
 use super::index::FrameRef;
@@ -44,12 +48,16 @@ pub struct Survey {
     pub camera_topic: String,
     /// its channel ids (a topic may have several after a merge)
     pub camera_channels: Vec<u16>,
-    /// its frames in the order of the file, their clock offset added
+    /// its frames in the order of time, their clock offset added
     pub frames: Vec<FrameRef>,
     /// that offset, by the rig file or a model (s)
     pub camera_offset_s: f64,
+    /// index in `frames` by identity
+    numbers: Vec<(FrameId, usize)>,
     /// the frame id of its images
     pub camera_frame: String,
+    /// topic of its camera_info; `None` where the rig file has the calibration
+    pub camera_info: Option<String>,
     /// file format of its images
     pub container: Container,
     /// pixels of an image
@@ -90,9 +98,10 @@ impl Survey {
         self.frames.get(self.frame_number(id)?)
     }
 
-    /// Number of a frame in the order of the file, counted from 0.
+    /// Number of a frame in the order of time, counted from 0.
     pub fn frame_number(&self, id: FrameId) -> Option<usize> {
-        self.frames.binary_search_by_key(&id, |frame| frame.id).ok()
+        let at = self.numbers.binary_search_by_key(&id, |number| number.0).ok()?;
+        Some(self.numbers[at].1)
     }
 
     /// The values in this log of a setting that a model names.
@@ -196,22 +205,24 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let camera = CameraSurvey::new(log, options, &mut diagnostics)?;
     let ranges = RangeSurvey::new(log, options, &mut diagnostics)?;
     camera.check(log, &mut diagnostics);
-    ranges.check(log, &mut diagnostics);
+    ranges.check(&mut diagnostics);
     check_offsets(log, options, &mut diagnostics);
 
     let mounts = Mounts::new(log);
     let (body_frame, pose) = mounts.root(&camera.frame_id);
-    let body_from_optical = match &rig_file.camera.mount {
-        Some(mount) => mount.transform().map_err(Error::Rig)?,
-        None => Transform::from_isometry(pose),
-    };
-    let body_from_dvl = ranges.mount(&mounts, &body_frame, &camera, rig_file, &mut diagnostics)?;
+    let mounted = view_check::Mounted::new(&camera, rig_file, pose)?;
+    let given = (rig_file, log.recording.path());
+    let body_from_dvl = ranges.mount((&mounts, &body_frame), &camera, given, &mut diagnostics)?;
+    let used = [camera.frame_id.as_str(), ranges.frame_id()];
+    diagnostics.extend(mounts.conflicts(&used).into_iter().map(Diagnostic::from));
+    let clocks = clocks::Clocks { camera_offset_s: camera.clock_offset_s, rig_file };
+    let pings = ranges.pings(log, &clocks, &mut diagnostics)?;
+    let body_from_optical =
+        view_check::checked_mount(&mounted, &pings, body_from_dvl, &mut diagnostics)?;
     let vehicle = lights::Vehicle { mounts: &mounts, body_frame: &body_frame, body_from_optical };
     let strobe = strobe_mount(&vehicle, options, &mut diagnostics)?;
-    let clocks = clocks::Clocks { camera_offset_s: camera.clock_offset_s, rig_file };
     let attitude = attitude::Search { log, mounts: &mounts, body_frame: &body_frame, clocks };
     let (attitude_topic, attitude) = attitude.run(&options.config.seafloor, &mut diagnostics);
-    let pings = ranges.pings(log, &clocks, &mut diagnostics);
     let rig = Rig { camera: camera.calibration, body_from_optical, body_from_dvl, strobe };
     diagnostics.extend(unreadable_channels(log));
     diagnostics.extend(camera.processed_before());
@@ -220,12 +231,15 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let trajectory = pings.estimate_trajectory(&stamps, &rig, &options.config.seafloor);
     diagnostics
         .extend(trajectory.map(|residual_ratio| RangeFact::NotFlat { residual_ratio }.into()));
+    let (frames, numbers) = in_time_order(camera.frames);
     Ok(Survey {
         camera_topic: camera.topic,
         camera_channels: camera.channels,
-        frames: camera.frames,
+        frames,
+        numbers,
         camera_offset_s: camera.offset_s,
         camera_frame: camera.frame_id,
+        camera_info: camera.camera_info,
         container: camera.container,
         image_pixels: camera.image_pixels,
         image_size: camera.image_size,
@@ -241,14 +255,24 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         ],
         transfer: transfer_known(options, camera.response.is_some()),
         response: camera.response,
-        electrons: Electrons {
-            full_well: rig_file.camera.full_well_e,
-            read_noise: rig_file.camera.read_noise_e.unwrap_or(0.0),
-        },
+        electrons: electrons(rig_file),
         settings: settings(log),
         rig,
         diagnostics,
     })
+}
+
+fn electrons(rig: &RigFile) -> Electrons {
+    let (full_well, read_noise) = (rig.camera.full_well_e, rig.camera.read_noise_e.unwrap_or(0.0));
+    Electrons { full_well, read_noise }
+}
+
+/// Frames in the order of time, and the index of each by its identity.
+fn in_time_order(mut frames: Vec<FrameRef>) -> (Vec<FrameRef>, Vec<(FrameId, usize)>) {
+    frames.sort_by_key(|frame| (frame.stamp, frame.id));
+    let mut numbers: Vec<_> = frames.iter().enumerate().map(|(i, f)| (f.id, i)).collect();
+    numbers.sort_unstable();
+    (frames, numbers)
 }
 
 /// A transfer curve by encoding alone is assumed; which images it applies to, they say themselves.
@@ -267,6 +291,9 @@ fn check_offsets(log: &Log, options: &Options, diagnostics: &mut Vec<Diagnostic>
 
 fn unreadable_channels(log: &Log) -> impl Iterator<Item = Diagnostic> {
     log.index.channels.iter().filter_map(|(id, channel)| {
+        if let Some(name) = channel.known_schema.clone() {
+            return Some(Diagnostic::on(&log.topic(*id), LogFact::SchemaKnown { name }));
+        }
         let (messages, reason) = channel.unreadable.clone();
         let reason = reason?;
         let fact = match messages {
@@ -277,10 +304,12 @@ fn unreadable_channels(log: &Log) -> impl Iterator<Item = Diagnostic> {
     })
 }
 
-/// Settings of camera and strobe.
+/// Settings of camera and strobe, of all channels of a topic together.
 fn settings(log: &Log) -> Vec<SettingSeries> {
-    let mut found = Vec::new();
+    type Series = (String, &'static str, Vec<(Stamp, f64)>);
+    let mut found: Vec<Series> = Vec::new();
     for (id, channel) in &log.readings.0 {
+        let topic = log.topic(*id);
         let mut names: Vec<&'static str> =
             channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name)).collect();
         names.sort_unstable();
@@ -289,9 +318,13 @@ fn settings(log: &Log) -> Vec<SettingSeries> {
             let value = |(stamp, settings): &(Stamp, Vec<(&'static str, f64)>)| {
                 Some((*stamp, settings.iter().find(|(n, _)| *n == name)?.1))
             };
-            let values = channel.settings.iter().filter_map(value).collect();
-            found.push(SettingSeries::new(log.topic(*id), name.into(), values));
+            let values = channel.settings.iter().filter_map(value);
+            match found.iter_mut().find(|(t, n, _)| *t == topic && *n == name) {
+                Some((.., known)) => known.extend(values),
+                None => found.push((topic.clone(), name, values.collect())),
+            }
         }
     }
-    found
+    let series = |(topic, name, values): Series| SettingSeries::new(topic, name.into(), values);
+    found.into_iter().map(series).collect()
 }

@@ -4,36 +4,49 @@ use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 
-use crate::messages::FrameTransform;
-
+use super::super::joints::Joint;
 use super::super::log::Log;
+use crate::diagnostics::MountFact;
+use crate::error::MountGap;
 
-/// The TF tree of a log: edges by child.
+/// The still part of a log's TF tree: edges by child; and what moves.
 pub struct Mounts<'s> {
-    edges: BTreeMap<&'s str, (&'s str, &'s FrameTransform)>,
+    edges: BTreeMap<&'s str, (&'s str, Isometry3<f64>)>,
+    /// joints that move in the window
+    moving: Vec<&'s Joint>,
+    /// other mounts of frames that have one
+    conflicts: Vec<&'s Joint>,
+    /// joints without a valid rotation
+    broken: Vec<&'s Joint>,
 }
 
 impl<'s> Mounts<'s> {
-    /// The edges of `/tf_static`, the first of each child.
+    /// The first still edge of each child; those of `/tf_static` before those of `/tf`.
     pub fn new(log: &'s Log) -> Self {
-        let mut edges = BTreeMap::new();
-        // What `/tf` moves is no mount. Only a log with no still tree at all is read from there, as
-        // it first stood.
-        for suffix in ["tf_static", "tf"] {
+        let (edges, moving, conflicts, broken) = Default::default();
+        let mut mounts = Self { edges, moving, conflicts, broken };
+        for is_latched in [true, false] {
             for (id, channel) in &log.index.channels {
-                if edges.is_empty() || suffix == "tf_static" {
-                    let is_meant = log
-                        .recording
-                        .channels
-                        .get(id)
-                        .is_some_and(|c| c.topic.trim_end_matches('/').ends_with(suffix));
-                    for edge in channel.edges.iter().filter(|_| is_meant) {
-                        edges.entry(edge.child.as_str()).or_insert((edge.parent.as_str(), edge));
-                    }
+                if log.topic(*id).trim_end_matches('/').ends_with("tf_static") == is_latched {
+                    channel.joints.iter().for_each(|joint| mounts.add(joint));
                 }
             }
         }
-        Self { edges }
+        mounts
+    }
+
+    fn add(&mut self, joint: &'s Joint) {
+        let Some(pose) = joint.pose else { return self.broken.push(joint) };
+        if joint.moves() {
+            return self.moving.push(joint);
+        }
+        let known = self.edges.get(joint.child.as_str());
+        if known
+            .is_some_and(|(parent, known)| *parent != joint.parent || !Joint::is_same(known, &pose))
+        {
+            self.conflicts.push(joint);
+        }
+        self.edges.entry(&joint.child).or_insert((&joint.parent, pose));
     }
 
     /// Names of all frames.
@@ -45,15 +58,23 @@ impl<'s> Mounts<'s> {
         names
     }
 
-    /// The root above a frame, and root_from_frame; a tree that bites its tail ends the walk.
-    pub fn root(&self, frame: &str) -> (String, Isometry3<f64>) {
+    /// A frame and those above it, with frame_above_from_frame; a tree that bites its tail ends the
+    /// walk.
+    fn chain(&self, frame: &str) -> Vec<(String, Isometry3<f64>)> {
+        let mut chain = vec![(frame.to_string(), Isometry3::identity())];
         let (mut at, mut pose) = (frame, Isometry3::identity());
         for _ in 0..=self.edges.len() {
             let Some((parent, edge)) = self.edges.get(at) else { break };
-            pose = edge.pose * pose;
+            pose = edge * pose;
             at = parent;
+            chain.push((at.into(), pose));
         }
-        (at.into(), pose)
+        chain
+    }
+
+    /// The root above a frame, and root_from_frame.
+    pub fn root(&self, frame: &str) -> (String, Isometry3<f64>) {
+        self.chain(frame).pop().unwrap_or_default()
     }
 
     fn knows(&self, frame: &str) -> bool {
@@ -64,5 +85,58 @@ impl<'s> Mounts<'s> {
     pub fn pose_below(&self, root: &str, frame: &str) -> Option<Isometry3<f64>> {
         let (found, pose) = self.root(frame);
         (found == root && (self.knows(frame) || frame == root)).then_some(pose)
+    }
+
+    /// Mounts of these frames, or of those above them, that the log states twice and differently.
+    pub fn conflicts(&self, frames: &[&str]) -> Vec<MountFact> {
+        let chains = frames.iter().flat_map(|frame| self.chain(frame));
+        let used: Vec<String> = chains.map(|(frame, _)| frame).collect();
+        let is_used = |joint: &&&Joint| used.contains(&joint.child) && !self.agrees(joint);
+        let mut facts: Vec<MountFact> = Vec::new();
+        for joint in self.conflicts.iter().filter(is_used) {
+            let frame = joint.child.clone();
+            let used = self.edges.get(frame.as_str()).map_or("", |(parent, _)| *parent).into();
+            let fact = MountFact::Conflicting { frame, used, other: joint.parent.clone() };
+            if !facts.contains(&fact) {
+                facts.push(fact);
+            }
+        }
+        facts
+    }
+
+    /// Whether a second mount of a frame gives it the same pose in the vehicle.
+    fn agrees(&self, joint: &Joint) -> bool {
+        let (root, pose) = self.root(&joint.child);
+        let (other_root, above) = self.root(&joint.parent);
+        joint
+            .pose
+            .is_some_and(|other| root == other_root && Joint::is_same(&pose, &(above * other)))
+    }
+
+    /// Why the mount of a frame relative to another, the camera's, is unknown.
+    pub fn gap(&self, frame: &str, camera_frame: &str) -> MountGap {
+        let roots = [frame, camera_frame].map(|f| self.root(f).0);
+        let is_between = |joint: &&&Joint| {
+            let ends = [self.root(&joint.parent).0, self.root(&joint.child).0];
+            ends.iter().any(|end| roots.contains(end)) && ends[0] != ends[1]
+        };
+        let has_broken = |joint: &&&Joint| [frame, camera_frame].contains(&joint.child.as_str());
+        if self.edges.is_empty() && self.moving.is_empty() && self.broken.is_empty() {
+            MountGap::NoTransforms
+        } else if frame.is_empty() || camera_frame.is_empty() {
+            MountGap::NoFrameId { is_camera: camera_frame.is_empty() }
+        } else if let Some(joint) = self.broken.iter().find(has_broken) {
+            let (parent, child) = (joint.parent.clone(), joint.child.clone());
+            MountGap::NoRotation { parent, child }
+        } else if let Some(joint) = self.moving.iter().find(is_between) {
+            let (parent, child) = (joint.parent.clone(), joint.child.clone());
+            MountGap::Moving { parent, child, rotation_deg: joint.rotation_rad.to_degrees() }
+        } else if let Some(cut) = [frame, camera_frame].into_iter().find(|frame| !self.knows(frame))
+        {
+            MountGap::NotInTree { frame: cut.into() }
+        } else {
+            let [root, camera_root] = roots;
+            MountGap::SeparateTrees { root, camera_root }
+        }
     }
 }

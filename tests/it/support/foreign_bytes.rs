@@ -85,8 +85,10 @@ pub fn exercise(decoder: &Decoder, data: &[u8]) {
             }
         }
         Kind::CameraInfo(read) => {
-            if let Ok(Some(calibration)) = read(&value) {
-                let _ray = calibration.cropped.ray(1.0, 1.0);
+            if let Ok(info) = read(&value)
+                && let Ok((camera, _)) = info.camera(Some((640, 480)), false)
+            {
+                let _ray = camera.ray(1.0, 1.0);
             }
         }
         Kind::Transforms(read) => drop(read(&value)),

@@ -3,6 +3,7 @@
 
 pub mod colour;
 pub mod dice;
+pub mod edited;
 pub mod evenness;
 pub mod foreign_bytes;
 pub mod judge;
