@@ -2,7 +2,9 @@
 //! against simpler corrections.
 //!
 //! Where frames overlap: how well views of one point agree, over the spread between points. Where
-//! they do not: how even colour and brightness are over regions of the image and frames. Of full
+//! they do not: how even colour and brightness are over regions of the image and frames. Both where
+//! frames overlap and attenuation is not identified: views of one point hardly differ in range then,
+//! and what is constant over the image and wrong does not show. Of full
 //! correction, empirical model, mean frame and white balance the first is used that no simpler one
 //! is better than.
 
@@ -37,6 +39,12 @@ const BETTER: f64 = 0.9;
 const BETTER_RANGES: f64 = 0.85;
 /// The signal-to-noise ratio at which a band has half of its weight.
 const SIGNAL_TO_NOISE: f64 = 5.0;
+
+/// A figure that is larger than that of raw light by this factor and by this much more is worse.
+const WORSE: (f64, f64) = (1.1, 0.03);
+/// A correction that makes no figure worse is preferred to one whose figure is better by up to this
+/// factor.
+const NO_HARM: f64 = 1.5;
 
 /// Names of raw light and of full correction.
 const RAW: &str = "raw";
@@ -131,6 +139,14 @@ impl Case<'_> {
             figures.extend(par_map(EmpiricalForm::ALL.to_vec(), of_form));
         }
         let frames = data.frames.len() / EVERY as usize;
+        let even = if is_needed { self.by_evenness() } else { None };
+        if let Some(even) = even {
+            let both = |f: VerdictFigures| {
+                let of_evenness = even.of(&f.name);
+                f.with_evenness(of_evenness)
+            };
+            figures = figures.into_iter().map(both).collect();
+        }
         Some(Verdict { measure: VerdictMeasure::SamePoint, used: String::new(), frames, figures })
     }
 
@@ -195,7 +211,13 @@ impl Case<'_> {
 
 /// The first form, or the physical model (`None`), that no simpler one is better than.
 fn chosen(verdict: &Verdict, is_forced: bool) -> Option<EmpiricalForm> {
-    let score = |name: &str| verdict.of(name).map_or(f64::INFINITY, VerdictFigures::score);
+    let measured = |name: &str| verdict.of(name).map_or(f64::INFINITY, VerdictFigures::score);
+    let harmless =
+        |name: &str| if does_harm(verdict, name) { f64::INFINITY } else { measured(name) };
+    let names = || EmpiricalForm::ALL.map(EmpiricalForm::name).into_iter().chain([FULL]);
+    let best_of = |score: &dyn Fn(&str) -> f64| names().map(score).fold(f64::INFINITY, f64::min);
+    let has_harmless = best_of(&harmless) <= NO_HARM * best_of(&measured);
+    let score = |name: &str| if has_harmless { harmless(name) } else { measured(name) };
     let mut forms = EmpiricalForm::ALL.to_vec();
     let ranges_help = || {
         let [refined, given, simple] =
@@ -217,6 +239,16 @@ fn chosen(verdict: &Verdict, is_forced: bool) -> Option<EmpiricalForm> {
         return None;
     }
     forms.into_iter().find(|form| BETTER * score(form.name()) <= best)
+}
+
+/// Whether a correction makes a figure worse than that of raw light.
+fn does_harm(verdict: &Verdict, name: &str) -> bool {
+    let Some((raw, corrected)) = verdict.of(RAW).zip(verdict.of(name)) else { return false };
+    let figures = |f: &VerdictFigures| [f.agreement, f.chroma, f.light];
+    let is_worse = |(raw, is): (Option<f64>, Option<f64>)| {
+        raw.zip(is).is_some_and(|(raw, is)| is > WORSE.0 * raw + WORSE.1)
+    };
+    figures(raw).into_iter().zip(figures(corrected)).any(is_worse)
 }
 
 fn is_held(frame: u32) -> bool {

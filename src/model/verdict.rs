@@ -44,10 +44,24 @@ pub struct VerdictFigures {
 }
 
 impl VerdictFigures {
-    /// The figure that decides; infinite where nothing was measured.
+    /// The figure that decides; infinite where nothing was measured. Where both were measured,
+    /// their geometric mean.
     pub fn score(&self) -> f64 {
-        let evenness = || Some(self.chroma? + self.light?);
-        self.agreement.or_else(evenness).filter(|s| s.is_finite()).unwrap_or(f64::INFINITY)
+        let evenness = self.chroma.zip(self.light).map(|(chroma, light)| chroma + light);
+        let both = self.agreement.zip(evenness).map(|(agreement, even)| (agreement * even).sqrt());
+        let score = both.or(self.agreement).or(evenness);
+        score.filter(|s| s.is_finite()).unwrap_or(f64::INFINITY)
+    }
+
+    /// The same with the evenness of another measurement of it; both are needed.
+    #[must_use]
+    pub fn with_evenness(self, of: Option<&Self>) -> Self {
+        match of.filter(|even| even.score().is_finite() && self.agreement.is_some()) {
+            Some(even) => {
+                Self { chroma: even.chroma, light: even.light, worst: even.worst, ..self }
+            }
+            None => Self { name: self.name, ..Self::default() },
+        }
     }
 }
 
@@ -74,15 +88,19 @@ impl Verdict {
     /// For people: "agreement of the same point: 0.38 raw, 0.09 corrected".
     pub fn text(&self) -> Option<String> {
         let (raw, used) = (self.of("raw")?, self.of(&self.used)?);
-        match self.measure {
-            VerdictMeasure::SamePoint => Some(format!(
-                "of the same point: {:.2} raw, {:.2} corrected",
-                raw.agreement?, used.agreement?
-            )),
-            VerdictMeasure::Evenness => Some(format!(
+        let evenness = || {
+            Some(format!(
                 "of colour: {:.2} raw, {:.2} corrected; of brightness: {:.2} raw, {:.2} corrected",
                 raw.chroma?, used.chroma?, raw.light?, used.light?
-            )),
+            ))
+        };
+        match self.measure {
+            VerdictMeasure::SamePoint => {
+                let also = evenness().map_or_else(String::new, |text| format!("; evenness {text}"));
+                let (raw, used) = (raw.agreement?, used.agreement?);
+                Some(format!("of the same point: {raw:.2} raw, {used:.2} corrected{also}"))
+            }
+            VerdictMeasure::Evenness => evenness(),
         }
     }
 }
