@@ -99,6 +99,7 @@ pub enum MountGap {
     NoRotation { parent: String, child: String },
     Moving { parent: String, child: String, rotation_deg: f64 },
     NotInTree { frame: String },
+    Far { frame: String },
     SeparateTrees { root: String, camera_root: String },
 }
 
@@ -127,6 +128,9 @@ impl std::fmt::Display for MountGap {
             ),
             Self::NotInTree { frame } => {
                 write!(f, "the frame {frame:?} is not in the log's TF tree")
+            }
+            Self::Far { frame } => {
+                write!(f, "the TF tree has {frame:?} more than 50 m away; translations are metres")
             }
             Self::SeparateTrees { root, camera_root } => write!(
                 f,

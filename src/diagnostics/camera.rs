@@ -43,7 +43,7 @@ facts! {
             remedy("write the calibration under [camera] in a rig file");
         Warning "camera-info-unknown-distortion" UnknownDistortion { model: String },
             text("its distortion model {model:?} is not one of plumb_bob, rational_polynomial, \
-                  equidistant, fisheye62"),
+                  equidistant, fisheye62, or its coefficients are no numbers"),
             remedy("write the calibration under [camera] in a rig file");
         Info "images-rectified" Rectified,
             text("the images are rectified: P of this calibration is used, and no distortion");

@@ -7,6 +7,11 @@ facts! {
     MountFact {
         Info "frame-replaced" FrameReplaced { frame: String, used: String },
             text("its frame {frame:?} is not in the TF tree; {used:?} is used instead");
+        Warning "mount-without-translation" NoTranslation { frame: String },
+            text("the TF tree has {frame:?} at the vehicle's origin exactly: its position may be a \
+                  placeholder, and a wrong one shifts attenuation"),
+            remedy("measure the position and write it under [camera.mount] or [dvl.mount] in a rig \
+                    file");
         Warning "camera-frame-not-optical" FrameNotOptical { frame: String },
             text("by the ranges its frame {frame:?} has x along the optical axis, not z; the \
                   optical frame is derived from it"),

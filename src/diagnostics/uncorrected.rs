@@ -13,6 +13,9 @@ facts! {
             text("the size of the image does not fit the calibration"),
             remedy("write the calibration of these images into a rig file: `unwater init` makes \
                     one");
+        Loss "image-dark" Dark,
+            text("the image is dark"),
+            remedy("check that the strobe fires with every image, within reach of the seafloor");
         Loss "no-ping" NoPing,
             text("no range to the seafloor near enough in time"),
             remedy("name another instrument with --dvl TOPIC, or allow a longer gap with \

@@ -39,7 +39,7 @@ impl Pooled {
             pooled.add(first, session, collected)?;
         }
         if pooled.frames.is_empty() {
-            first.ensure_seafloor()?;
+            first.frames_with_seafloor()?;
             let topic = &first.survey.camera_topic;
             return Err(Error::Data(format!("no image of {topic} can be decoded and used")));
         }

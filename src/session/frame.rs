@@ -98,6 +98,9 @@ impl CameraSession {
         let Ok(flat_field) = flat_field.transpose() else {
             return Err(unusable(Reason::WrongSize, None, None));
         };
+        if is_dark(&pixels) {
+            return Err(unusable(Reason::Dark, Some(pixels), None));
+        }
         let plane = match self.seafloor(image.at.stamp) {
             Ok(plane) => plane,
             Err(e) => return Err(unusable(no_seafloor(&e), Some(pixels), None)),
@@ -126,21 +129,28 @@ impl CameraSession {
         self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor)
     }
 
-    /// Checks that some image has a seafloor below it.
+    /// Number of frames with a seafloor below them.
     ///
     /// # Errors
     /// None has; with the most frequent reason.
-    pub fn ensure_seafloor(&self) -> crate::error::Result<()> {
+    pub fn frames_with_seafloor(&self) -> crate::error::Result<usize> {
         let (frames, survey) = (&self.survey.frames, &self.survey);
         let (camera_topic, dvl_topic) = (&survey.camera_topic, &survey.dvl_topic);
         let mut reasons: Vec<(Reason, usize)> = Vec::new();
+        let mut with_seafloor = 0;
         for frame in frames {
-            let Err(why) = self.seafloor(frame.stamp) else { return Ok(()) };
+            let Err(why) = self.seafloor(frame.stamp) else {
+                with_seafloor += 1;
+                continue;
+            };
             let reason = no_seafloor(&why);
             match reasons.iter_mut().find(|(known, _)| *known == reason) {
                 Some((_, count)) => *count += 1,
                 None => reasons.push((reason, 1)),
             }
+        }
+        if with_seafloor > 0 {
+            return Ok(with_seafloor);
         }
         let reason = reasons.into_iter().max_by_key(|(_, count)| *count).map(|(reason, _)| reason);
         Err(Error::Data(match reason {
@@ -158,6 +168,15 @@ impl CameraSession {
         let rig = &self.survey.rig;
         View { camera: &rig.camera, rig, plane, terrain: None }
     }
+}
+
+/// Mean light of an 8-bit image that shows nothing: about three steps of its pixel values.
+const DARK: f64 = 0.001;
+
+/// Whether an image is dark all over: no strobe, or no seafloor within reach of its light. Images
+/// of more bits have a signal there.
+fn is_dark(pixels: &PixelValues<'_>) -> bool {
+    pixels.coding.bits <= 8 && pixels.mean_light().iter().all(|light| *light < DARK)
 }
 
 fn no_seafloor(why: &NoSeafloor) -> Reason {

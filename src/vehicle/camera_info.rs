@@ -81,6 +81,10 @@ impl CameraInfo {
         let Intrinsics { fx, fy, cx, cy } = intrinsics;
         let full = Camera { width, height, fx, fy, cx, cy, distortion };
         ensure_possible(&full)?;
+        let is_finite = distortion.coefficients().iter().all(|c| c.is_finite());
+        if !is_finite {
+            return Err(CameraFact::UnknownDistortion { model: self.model.clone() });
+        }
         let calibration = Calibration::new(full, self.offset, self.roi, self.binning);
         let camera = calibration.for_image_size(image).ok_or_else(|| {
             let (w, h) = image.unwrap_or_default();

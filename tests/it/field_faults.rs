@@ -205,6 +205,39 @@ fn inspect_keeps_its_word() {
     }
 }
 
+#[test]
+fn what_a_killed_run_left_is_removed_by_the_next_run_on_its_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // No process has the first number; this one has the second.
+    let own = format!(".out.mcap.{}.part", std::process::id());
+    let names = [".out.mcap.4194999.part", own.as_str(), ".other.mcap.4194999.part"];
+    names.iter().for_each(|name| std::fs::write(at(name), "left").unwrap());
+    let output = at("out.mcap");
+    let done = unwater(&["correct", text(&sample()), "-o", text(&output), "-q"]);
+    assert!(done.status.success() && output.exists());
+    assert_eq!(names.map(|name| at(name).exists()), [false, true, true]);
+}
+
+#[test]
+fn mounts_that_are_placeholders_or_not_in_metres_are_named() {
+    let of_tf = |edit: Edit<'_>| {
+        survey(|r| {
+            if r.topic == "/tf_static" {
+                edit(r);
+            }
+        })
+    };
+    let survey = survey(|_| {}).unwrap();
+    let at = survey.rig.body_from_dvl.origin().vector();
+    assert!(at.norm() > 0.05 && !has(&survey, "mount-without-translation"));
+    let zeroed = of_tf(&|r| at.iter().for_each(|v| r.replace_f64(*v, 0.0))).unwrap();
+    assert!(has(&zeroed, "mount-without-translation"));
+    let far = of_tf(&|r| at.iter().for_each(|v| r.replace_f64(*v, 1000.0 * v)));
+    let error = far.err().expect("no mount").to_string();
+    assert!(error.contains("more than 50 m away") && error.contains("/dvl/data"), "{error}");
+}
+
 /// A gradient with some texture, 48×32.
 fn picture() -> Vec<u8> {
     let value = |x: usize, y: usize, b: usize| (5 * x + 3 * y + 40 * b + x * y % 7) as u8;

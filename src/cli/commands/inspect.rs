@@ -55,7 +55,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         "channels": channels(&log),
         "plan": plans.first(),
         "plans": &plans,
-        "missing": if missing.is_empty() { None } else { Some(missing.join("; ")) },
+        "missing": (!missing.is_empty()).then(|| texts(&missing).join("; ")),
+        "missing_message_type": missing.iter().any(|(_, e)| is_of_type(e)),
     });
     if args.json {
         print_json(serde_json::to_string_pretty(&document).map(|text| text + "\n"))?;
@@ -92,19 +93,31 @@ fn channels(log: &Log) -> Vec<Value> {
     log.recording.channels.iter().map(describe).collect()
 }
 
-/// Of so few images a model is estimated, to see whether that is possible.
+/// Of so few frames with a seafloor a model is estimated, to see whether that is possible.
 const FEW_FRAMES: usize = 12;
 
-/// Plan of each camera, and what is missing for others.
-type Plans = (Vec<Value>, Vec<String>);
+/// Plan of each camera, and what is missing for others, with their topics.
+type Plans = (Vec<Value>, Vec<(Option<String>, Error)>);
+
+fn texts(missing: &[(Option<String>, Error)]) -> Vec<String> {
+    let text = |(topic, error): &(Option<String>, Error)| match topic {
+        Some(topic) => format!("{topic}: {error}"),
+        None => error.to_string(),
+    };
+    missing.iter().map(text).collect()
+}
+
+/// Whether messages of a type that is read would help.
+fn is_of_type(error: &Error) -> bool {
+    matches!(error, Error::NoCamera { .. } | Error::NoRanges { .. })
+}
 
 fn plans(log: &Log, options: &Options, with_clocks: bool) -> Plans {
     let survey = |options: &Options| {
         let session = CameraSession::new(log, options)?;
         run::ensure_not_corrected(&session, None)?;
-        session.ensure_seafloor()?;
-        // Few images may not suffice; only the estimate shows it, and it is quick.
-        if session.survey.frames.len() <= FEW_FRAMES {
+        // Few frames may not suffice; only the estimate shows it, and it is quick.
+        if session.frames_with_seafloor()? <= FEW_FRAMES {
             run::estimate(&[&session], options, &Silent)?;
         }
         Ok(session)
@@ -117,12 +130,12 @@ fn plans(log: &Log, options: &Options, with_clocks: bool) -> Plans {
                 let options = options.for_camera(&topic);
                 match survey(&options) {
                     Ok(session) => plans.push(plan(&session, &options, with_clocks)),
-                    Err(e) => missing.push(format!("{topic}: {e}")),
+                    Err(e) => missing.push((Some(topic), e)),
                 }
             }
             (plans, missing)
         }
-        Err(e) => (Vec::new(), vec![e.to_string()]),
+        Err(e) => (Vec::new(), vec![(None, e)]),
     }
 }
 

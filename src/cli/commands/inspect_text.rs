@@ -23,8 +23,10 @@ pub fn text(document: &Value) -> String {
     }
     list(&document["plans"]).iter().for_each(|plan| text.plan(plan));
     if let Some(missing) = document["missing"].as_str() {
-        let known: Vec<&str> = TYPES.iter().map(|t| t.name).collect();
         text.line(format_args!("cannot be corrected as it is: {missing}"));
+    }
+    if document["missing_message_type"] == json!(true) {
+        let known: Vec<&str> = TYPES.iter().map(|t| t.name).collect();
         text.line(format_args!("message types that are read: {}", known.join(", ")));
     }
     text.0

@@ -105,10 +105,28 @@ impl Statistics {
     }
 }
 
+/// Removes what killed runs on this output have left; files of runs that go on stay.
+fn remove_left_behind(target: &Path, name: &str) {
+    let folder = target.parent().filter(|f| !f.as_os_str().is_empty());
+    let Ok(files) = std::fs::read_dir(folder.unwrap_or(Path::new("."))) else { return };
+    let is_running = |process: &str| Path::new("/proc").join(process).exists();
+    for file in files.flatten() {
+        let found = file.file_name().to_string_lossy().into_owned();
+        let process =
+            found.strip_prefix(&format!(".{name}.")).and_then(|f| f.strip_suffix(".part"));
+        let is_of_run = |p: &&str| !p.is_empty() && p.bytes().all(|b| b.is_ascii_digit());
+        if process.filter(is_of_run).is_some_and(|process| !is_running(process)) {
+            // The run does not depend on it.
+            let _kept = std::fs::remove_file(file.path());
+        }
+    }
+}
+
 impl OutputFile {
     pub(super) fn create(target: &Path, profile: &str) -> Result<Self> {
         let name = target.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let temporary = target.with_file_name(format!(".{name}.{}.part", std::process::id()));
+        remove_left_behind(target, &name);
         let file = File::create(&temporary)
             .map_err(|source| Error::Write { path: target.into(), source })?;
         if let Ok(mut unfinished) = UNFINISHED.lock() {

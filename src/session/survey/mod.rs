@@ -214,7 +214,8 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let given = (rig_file, log.recording.path());
     let body_from_dvl = ranges.mount((&mounts, &body_frame), &camera, given, &mut diagnostics)?;
     let used = [camera.frame_id.as_str(), ranges.frame_id()];
-    diagnostics.extend(mounts.conflicts(&used).into_iter().map(Diagnostic::from));
+    let facts = mounts.conflicts(&used).into_iter().chain(mounts.placeholders(&used));
+    diagnostics.extend(facts.map(Diagnostic::from));
     let clocks = clocks::Clocks { camera_offset_s: camera.clock_offset_s, rig_file };
     let pings = ranges.pings(log, &clocks, &mut diagnostics)?;
     let body_from_optical =

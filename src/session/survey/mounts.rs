@@ -9,6 +9,9 @@ use super::super::log::Log;
 use crate::diagnostics::MountFact;
 use crate::error::MountGap;
 
+/// Larger than any vehicle; a larger distance was probably meant in millimetres (m).
+const MAX_DISTANCE_M: f64 = 50.0;
+
 /// The still part of a log's TF tree: edges by child; and what moves.
 pub struct Mounts<'s> {
     edges: BTreeMap<&'s str, (&'s str, Isometry3<f64>)>,
@@ -77,14 +80,20 @@ impl<'s> Mounts<'s> {
         self.chain(frame).pop().unwrap_or_default()
     }
 
+    /// Whether a frame is farther from its root than any vehicle is long.
+    pub fn is_far(&self, frame: &str) -> bool {
+        self.root(frame).1.translation.vector.norm() >= MAX_DISTANCE_M
+    }
+
     fn knows(&self, frame: &str) -> bool {
         self.edges.iter().any(|(child, (parent, _))| *child == frame || *parent == frame)
     }
 
-    /// root_from_frame, where the frame hangs below this root.
+    /// root_from_frame, where the frame hangs below this root, and within the size of a vehicle.
     pub fn pose_below(&self, root: &str, frame: &str) -> Option<Isometry3<f64>> {
         let (found, pose) = self.root(frame);
-        (found == root && (self.knows(frame) || frame == root)).then_some(pose)
+        let is_below = found == root && (self.knows(frame) || frame == root);
+        (is_below && pose.translation.vector.norm() < MAX_DISTANCE_M).then_some(pose)
     }
 
     /// Mounts of these frames, or of those above them, that the log states twice and differently.
@@ -102,6 +111,16 @@ impl<'s> Mounts<'s> {
             }
         }
         facts
+    }
+
+    /// Mounts of these frames that are probably placeholders: no translation from the root at all.
+    pub fn placeholders(&self, frames: &[&str]) -> Vec<MountFact> {
+        let has_none = |frame: &&&str| {
+            let (root, pose) = self.root(frame);
+            root != **frame && pose.translation.vector.norm() < 1e-9
+        };
+        let fact = |frame: &&str| MountFact::NoTranslation { frame: (*frame).into() };
+        frames.iter().filter(has_none).map(fact).collect()
     }
 
     /// Whether a second mount of a frame gives it the same pose in the vehicle.
@@ -134,6 +153,8 @@ impl<'s> Mounts<'s> {
         } else if let Some(cut) = [frame, camera_frame].into_iter().find(|frame| !self.knows(frame))
         {
             MountGap::NotInTree { frame: cut.into() }
+        } else if let Some(far) = [frame, camera_frame].into_iter().find(|f| self.is_far(f)) {
+            MountGap::Far { frame: far.into() }
         } else {
             let [root, camera_root] = roots;
             MountGap::SeparateTrees { root, camera_root }

@@ -79,7 +79,8 @@ impl<'l> RangeSurvey<'l> {
         if let Some(mount) = &rig_file.dvl.mount {
             return mount.transform().map_err(Error::Rig);
         }
-        let pose = self.mount_in_tree(mounts, body_frame, diagnostics);
+        let is_near = rig_file.camera.mount.is_some() || !mounts.is_far(&camera.frame_id);
+        let pose = self.mount_in_tree(mounts, body_frame, diagnostics).filter(|_| is_near);
         let pose = pose.ok_or_else(|| {
             Error::NoMount(Box::new(MissingMount {
                 what: "range instrument",
