@@ -121,7 +121,7 @@ pub fn estimate_model(
     let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
     let mut explained = given.explained(samples.clone(), None);
-    let mut reported = None;
+    let (mut reported, mut plain) = (None, None);
     if config.self_calibration != SelfCalibration::Off && config.estimator.may_be_joint() {
         let mut calibrated = given.calibrated(&samples, &explained);
         // Gains that came to light may be those that a channel records.
@@ -141,12 +141,30 @@ pub fn estimate_model(
             calibrated = given.calibrated(&samples, &explained);
         }
         match config.self_calibration {
-            SelfCalibration::Auto => explained = calibrated.unwrap_or(explained),
+            SelfCalibration::Auto => {
+                plain = calibrated.as_ref().and(Some(explained.clone()));
+                explained = calibrated.unwrap_or(explained);
+            }
             _ => reported = calibrated.and_then(|c| c.camera),
         }
     }
-    let estimate = finish(explained, (followed, log_gains), given)?;
+    let found = (followed, log_gains);
+    let estimate = finish(explained, found.clone(), given)?;
+    let estimate = match plain.filter(|_| estimate.judgement.empirical.is_some()) {
+        // An empirical model without the gains of a solve that it replaces may be better: these
+        // drift along a log that does not determine attenuation.
+        Some(plain) => match finish(plain, found, given) {
+            Ok(simpler) => better(estimate, simpler),
+            Err(_) => estimate,
+        },
+        None => estimate,
+    };
     Ok(ModelEstimate { reported, ..estimate })
+}
+
+/// The estimate whose judgement is better, the second if they are equal.
+fn better(a: ModelEstimate, b: ModelEstimate) -> ModelEstimate {
+    if a.judgement.score() < b.judgement.score() { a } else { b }
 }
 
 /// The same gain in all bands.

@@ -59,6 +59,14 @@ pub struct Judgement {
     pub empirical: Option<EmpiricalFit>,
 }
 
+impl Judgement {
+    /// The figure of what is used; infinite where nothing was measured.
+    pub fn score(&self) -> f64 {
+        let used = |v: &Verdict| v.of(&v.used).map(VerdictFigures::score);
+        self.verdict.as_ref().and_then(used).unwrap_or(f64::INFINITY)
+    }
+}
+
 /// What is judged.
 pub struct Case<'c> {
     /// samples and tracks without gains and backscatter
