@@ -45,6 +45,8 @@ facts! {
             text("its distortion model {model:?} is not one of plumb_bob, rational_polynomial, \
                   equidistant, fisheye62, or its coefficients are no numbers"),
             remedy("write the calibration under [camera] in a rig file");
+        Info "frame-of-camera-info" FrameOfInfo { frame: String },
+            text("the images name no frame; that of their calibration, {frame:?}, is used");
         Info "images-rectified" Rectified,
             text("the images are rectified: P of this calibration is used, and no distortion");
         Info "calibration-scaled" CalibrationScaled {

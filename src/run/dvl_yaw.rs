@@ -55,8 +55,9 @@ pub fn fit_model_and_yaw(
 ) -> Result<(ModelFile, MeanFrames)> {
     let given = fit_model(logs, options, threads, progress);
     let mode = options.config.estimate.self_calibration;
-    let is_wanted = mode != SelfCalibration::Off && options.rig.dvl.mount.is_none();
-    let found = logs.first().filter(|_| is_wanted);
+    // A mount of the rig file is kept.
+    let is_replaced = mode == SelfCalibration::Auto && options.rig.dvl.mount.is_none();
+    let found = logs.first().filter(|_| mode != SelfCalibration::Off);
     let Some(yaw) = found.and_then(|log| yaw(log, &options.config.seafloor)) else { return given };
     let turned: Vec<CameraSession> = logs.iter().map(|log| turned(log, yaw.deg)).collect();
     let turned_logs: Vec<&CameraSession> = turned.iter().collect();
@@ -67,8 +68,8 @@ pub fn fit_model_and_yaw(
     };
     let Yaw { deg: yaw_deg, residual_deg } = yaw;
     let (mut fit, is_better) = match (residual(&other) < residual(&given), given) {
-        (true, Err(_)) => (other?, true),
-        (true, Ok(_)) if mode == SelfCalibration::Auto => (other?, true),
+        (true, Err(_)) if is_replaced => (other?, true),
+        (true, Ok(_)) if is_replaced => (other?, true),
         (is_better, given) => (given?, is_better),
     };
     let rotation = turned_logs[0].survey.rig.body_from_dvl.isometry().rotation;
@@ -78,7 +79,7 @@ pub fn fit_model_and_yaw(
     } else {
         MountFact::AttitudeTurned { yaw_deg, residual_deg }
     };
-    if is_better && mode == SelfCalibration::Auto {
+    if is_better && is_replaced {
         let geometry = fit.0.geometry.get_or_insert_with(GeometryFile::default);
         geometry.dvl_rotation_xyzw.get_or_insert(rotation_xyzw);
     }

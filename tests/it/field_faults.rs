@@ -206,6 +206,28 @@ fn inspect_keeps_its_word() {
 }
 
 #[test]
+fn images_without_a_frame_have_that_of_their_calibration() {
+    let nameless = |r: &mut Record| {
+        if r.topic == "/camera/image_raw" {
+            // Length, 21 bytes and padding become the empty string with its padding.
+            assert_eq!(r.data[12..37], *b"\x15\0\0\0camera_optical_frame\0");
+            r.data.splice(12..40, [1, 0, 0, 0, 0, 0, 0, 0]);
+        }
+    };
+    let found = survey(nameless).unwrap();
+    assert_eq!(found.camera_frame, "camera_optical_frame");
+    assert!(has(&found, "frame-of-camera-info"));
+}
+
+#[test]
+fn a_window_without_an_image_is_named() {
+    let output = unwater(&["correct", text(&sample()), "-o", "none.mcap", "-S", "1", "-E", "2"]);
+    assert_eq!(output.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("-S and -E"), "{said}");
+}
+
+#[test]
 fn what_a_killed_run_left_is_removed_by_the_next_run_on_its_output() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

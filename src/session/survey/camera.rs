@@ -52,10 +52,15 @@ impl CameraSurvey {
         }
         let size = of_camera.iter().find_map(|c| c.image_size);
         let frame_id = of_camera.iter().map(|c| c.frame_id.clone()).find(|f| !f.is_empty());
-        let frame_id = frame_id.unwrap_or_default();
+        let mut frame_id = frame_id.unwrap_or_default();
         let named_info = options.rig.camera.camera_info.as_deref();
         let images = Images { topic: &topic, frame: &frame_id, size, named_info };
         let (calibration, camera_info) = calibration(log, options, images, diagnostics)?;
+        if let (true, Some(info)) = (frame_id.is_empty(), &camera_info) {
+            frame_id = frame_of(log, info);
+            let fact = CameraFact::FrameOfInfo { frame: frame_id.clone() };
+            diagnostics.extend((!frame_id.is_empty()).then(|| Diagnostic::on(&topic, fact)));
+        }
         let response = response(options)?;
         let flat_field = flat_field(options, &calibration, size, response.as_ref())?;
         let own_white_level = || of_camera.iter().find_map(|c| c.white_level());
@@ -99,6 +104,13 @@ impl CameraSurvey {
         let is_processed = ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| name.contains(w));
         is_processed.then(|| Diagnostic::on(&self.topic, CameraFact::AlreadyProcessed))
     }
+}
+
+/// The frame id of a topic's messages.
+fn frame_of(log: &Log, topic: &str) -> String {
+    let channels = log.index.channels.iter().filter(|(id, _)| log.topic(**id) == topic);
+    let frame = channels.map(|(_, c)| &c.frame_id).find(|frame| !frame.is_empty());
+    frame.cloned().unwrap_or_default()
 }
 
 /// The calibration, and the topic of its camera_info where it is of the log.

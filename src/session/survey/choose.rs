@@ -36,12 +36,12 @@ pub fn choose_camera(
         };
     }
     let mut topics: BTreeSet<String> = BTreeSet::new();
-    let mut videos = Vec::new();
+    let (mut videos, mut without_images) = (Vec::new(), Vec::new());
     for (topic, frames) in frames {
         match video(log, &topic) {
             Some(codec) => videos.push((topic, codec)),
             None if frames > 0 => drop(topics.insert(topic)),
-            None => {}
+            None => without_images.push(topic),
         }
     }
     if let (true, Some((topic, codec))) = (topics.is_empty(), videos.into_iter().next()) {
@@ -59,6 +59,10 @@ pub fn choose_camera(
         diagnostics.push(Diagnostic::on(&raw, CameraFact::RawPreferred { compressed_topic }));
     }
     match topics.len() {
+        0 if !without_images.is_empty() => Err(Error::Data(format!(
+            "{} has no image, in the window of -S and -E if there is one",
+            without_images.join(", ")
+        ))),
         0 => Err(Error::NoCamera { seen: log.channel_list(), unreadable: log.unreadable_list() }),
         1 => Ok(topics.into_iter().next().unwrap_or_default()),
         _ => Err(Error::SeveralCameras { topics: topics.into_iter().collect() }),
