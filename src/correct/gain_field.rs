@@ -209,7 +209,8 @@ impl<'g> GainField<'g> {
         if let Some(nodes) = &mut self.scattered {
             nodes.at_mut(row, column).copy_from_slice(&node.scattered[..self.bands]);
         }
-        let weights = self.signal.map_or([1.0; 3], |s| s.weights(node.factor, node.scattered));
+        let at = ((column * self.gains.step) as f64, (row * self.gains.step) as f64);
+        let weights = self.signal.map_or([1.0; 3], |s| s.weights(at, node.factor, node.scattered));
         let weights = &weights[..self.bands];
         if let Some(nodes) = &mut self.weights {
             nodes.at_mut(row, column).copy_from_slice(weights);
@@ -297,7 +298,7 @@ impl<'g> GainField<'g> {
         let Some(signal) = &self.signal else { return [1.0; 3] };
         self.view.light_path(u, v).map_or([-1.0; 3], |path| {
             let Evaluated { factor, scattered, .. } = self.evaluated((u, v), &path);
-            signal.weights(factor, scattered)
+            signal.weights((u, v), factor, scattered)
         })
     }
 
@@ -337,7 +338,8 @@ impl<'g> GainField<'g> {
                 let (u, v) = (x as f64, y as f64);
                 let own = |path: LightPath| {
                     let Evaluated { factor, scattered, is_seen } = self.evaluated((u, v), &path);
-                    let weights = self.signal.map_or([1.0; 3], |s| s.weights(factor, scattered));
+                    let weights =
+                        self.signal.map_or([1.0; 3], |s| s.weights((u, v), factor, scattered));
                     self.bits_of(&weights[..self.bands], is_seen)
                 };
                 self.view.light_path(u, v).map_or(mask::OFF_SURFACE, own)

@@ -15,6 +15,7 @@ mod baselines;
 mod gain_field;
 mod gain_rows;
 mod highlights;
+mod light_map;
 pub mod mask;
 mod node_grid;
 mod rectify;
@@ -24,7 +25,7 @@ mod signal;
 pub use baselines::{MeanFrames, apply as apply_baseline};
 pub use rendering::{estimate_rendering, rendering_of};
 
-use crate::config::RenderConfig;
+use crate::config::{Method, RenderConfig};
 use crate::geometry::View;
 use crate::image::decode::PixelValues;
 use crate::image::demosaic::Demosaic;
@@ -36,6 +37,7 @@ use crate::vehicle::Camera;
 use gain_field::GainField;
 use gain_rows::{GainRows, Shrinkage};
 use highlights::Highlights;
+use light_map::LightMap;
 use rectify::rectified;
 use signal::FrameLight;
 
@@ -162,8 +164,11 @@ impl Correction<'_> {
         let (width, height, bands) = (codes.width, codes.height, codes.bands());
         let is_baseline = self.config.method.is_baseline();
         let white = self.config.white() as f32;
-        let light =
-            FrameLight { noise: frame.noise, gain: frame.gain, range_factor: frame.range_factor };
+        let is_empirical = self.model.empirical.is_some() && self.config.method == Method::Full;
+        let map = (is_empirical && bands > 1)
+            .then(|| LightMap::of(codes, frame.flat_field, |y, row| frame.balance_row(y, row)));
+        let Frame { noise, gain, range_factor, .. } = *frame;
+        let light = FrameLight { noise, gain, range_factor, map: map.as_ref() };
         let field = GainField::new(self, view, (width, height), bands, light);
         let mut counts = Counts::default();
         let mut clipped_output = 0;

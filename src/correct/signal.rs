@@ -13,6 +13,7 @@
 //! and smooth in space, and y = 1 stays 1, so that nothing becomes darker. The standard deviation
 //! of y' is at most 1/k, whatever the gain: of w y alone it is √(w (1 − w)) / k.
 
+use super::light_map::LightMap;
 use crate::image::noise::Noise;
 use crate::model::RenderingFile;
 use crate::model::limited::{EMPIRICAL_BACKSCATTER_ERROR, weight};
@@ -21,6 +22,8 @@ use crate::model::limited::{EMPIRICAL_BACKSCATTER_ERROR, weight};
 const BACKSCATTER_ERROR: f64 = 0.05;
 /// A band of less weight than this has hardly any colour of its own.
 const MIN_WEIGHT: f32 = 0.5;
+/// The band of a colour image that water and lamps leave the most of.
+const GREEN: usize = 1;
 /// Median level of the corrected seafloor in models that do not have it (share of white).
 const USUAL_LEVEL: f64 = 0.2;
 
@@ -33,6 +36,8 @@ pub struct FrameLight<'s> {
     pub gain: f64,
     /// factor of its slant ranges, in the empirical model
     pub range_factor: f64,
+    /// where it got less light than the empirical model predicts
+    pub map: Option<&'s LightMap>,
 }
 
 /// Signal and noise of a frame.
@@ -68,13 +73,14 @@ impl<'s> Signal<'s> {
     }
 
     /// w per band at a pixel: of the factor that its light is multiplied by, without exposure, and
-    /// of its backscatter.
-    pub fn weights(&self, factor: [f32; 3], scattered: [f32; 3]) -> [f32; 3] {
+    /// of its backscatter. Where light is missing, all bands follow green.
+    pub fn weights(&self, at: (f64, f64), factor: [f32; 3], scattered: [f32; 3]) -> [f32; 3] {
+        let signal = |b: usize| self.reflectance[b] / f64::from(factor[b]);
         let of_band = |b: usize| {
             if b >= self.bands {
                 return 0.0;
             }
-            let signal = self.reflectance[b] / f64::from(factor[b]);
+            let signal = signal(b);
             let scattered = f64::from(scattered[b]);
             // Backscatter and model are those of a frame whose gain is 1.
             let FrameLight { noise, gain, .. } = self.frame;
@@ -82,7 +88,15 @@ impl<'s> Signal<'s> {
             let noise = noise.hypot(self.backscatter_error * scattered);
             weight(signal, noise, self.least_ratio) as f32
         };
-        std::array::from_fn(of_band)
+        let mut weights: [f32; 3] = std::array::from_fn(of_band);
+        if let Some(map) = self.frame.map {
+            let light = |b: usize| signal(b) + f64::from(scattered[b]);
+            let light = |b: usize| if b < self.bands { light(b) * self.frame.gain } else { 0.0 };
+            let share = map.colour_share(at, &std::array::from_fn(light));
+            // One and the same band everywhere: a change of band would be seen as an edge.
+            (0..self.bands).filter(|b| *b != GREEN).for_each(|b| weights[b] *= share);
+        }
+        weights
     }
 
     /// M per band: median of the corrected seafloor (share of white).
@@ -131,14 +145,14 @@ mod tests {
     #[test]
     fn noise_of_the_result_is_at_most_one_over_the_setting() {
         let noise = noise();
-        let frame = FrameLight { noise: &noise, gain: 1.0, range_factor: 1.0 };
+        let frame = FrameLight { noise: &noise, gain: 1.0, range_factor: 1.0, map: None };
         let signal = Signal::new(&rendering(), 3, 5.0, false, frame);
         let levels = signal.levels(&rendering());
         for exponent in 0..60 {
             let gain = 1.2f32.powi(exponent);
             for ratio in [[1.0, 1.0, 1.0], [0.01, 0.5, 1.0], [1.0, 0.02, 0.02]] {
                 let factor = ratio.map(|r: f32| gain / r);
-                let weights = signal.weights(factor, [0.0; 3]);
+                let weights = signal.weights((0.0, 0.0), factor, [0.0; 3]);
                 // One band's noise after another: the result is linear in them.
                 let mut variance = [0f64; 3];
                 for band in 0..3 {

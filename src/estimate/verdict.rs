@@ -3,10 +3,10 @@
 //!
 //! Where frames overlap: how well views of one point agree, over the spread between points. Where
 //! they do not: how even colour and brightness are over regions of the image and frames. Both where
-//! frames overlap and attenuation is not identified: views of one point hardly differ in range then,
-//! and what is constant over the image and wrong does not show. Of full
-//! correction, empirical model, mean frame and white balance the first is used that no simpler one
-//! is better than.
+//! frames overlap and attenuation is not identified: views of one point hardly differ in range
+//! then, and what is wrong in the same place of every image does not show. Of full correction,
+//! empirical model, mean frame and white balance the first is used that no simpler one is better
+//! than.
 
 use super::Dataset;
 use super::methods::empirical::{EmpiricalFit, Regions, fit};
@@ -423,5 +423,9 @@ mod tests {
             Some(F::Backscatter)
         );
         assert_eq!(choose(&[raw, wrong, ("ranges", 0.1, 0.01), backscatter]), Some(F::Ranges));
+        // Better on the whole, and worse than raw in colour; unless nothing else comes near.
+        let tinted = ("full", 0.6, 0.1);
+        assert_eq!(choose(&[raw, tinted, ("range", 0.4, 0.32)]), Some(F::Range));
+        assert_eq!(choose(&[raw, tinted, ("range", 0.4, 0.9)]), None);
     }
 }

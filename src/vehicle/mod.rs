@@ -8,6 +8,7 @@ mod attitude;
 mod camera;
 mod camera_info;
 mod lamps;
+mod lens;
 mod light_setting;
 mod ping;
 mod rig;
@@ -17,9 +18,10 @@ pub use attitude::AttitudeTrack;
 pub use camera::{Camera, Distortion, LensModel};
 pub use camera_info::{CameraInfo, Intrinsics};
 pub use lamps::{Lamp, Lamps, MAX_LAMPS};
+pub use lens::{BlackLevel, Vignetting, VignettingName};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
 pub use rig::{
-    BlackLevel, CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile,
-    StrobeMount, StrobeSource, Vignetting, VignettingName,
+    CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount,
+    StrobeSource,
 };

@@ -36,7 +36,7 @@ fn rendered_a(data: &Path) -> Result<(), Failed> {
     Ok(())
 }
 
-fn finishes(data: &Path, log: &str, frames: usize) -> Result<(), Failed> {
+fn finishes(data: &Path, log: &str, frames: usize) -> Result<Report, Failed> {
     let (_folder, out, report, model) = run(&data.join(log), &Options::default())?;
     ensure(
         report.frames == frames
@@ -46,7 +46,29 @@ fn finishes(data: &Path, log: &str, frames: usize) -> Result<(), Failed> {
     let physical = model.attenuation_per_m.iter().all(|a| *a > 0.0);
     ensure(physical || !model.identified, "an attenuation below 0 is not to be called identified")?;
     let recording = Recording::open(&out)?;
-    ensure(recording.is_complete, "the output is whole")
+    ensure(recording.is_complete, "the output is whole")?;
+    Ok(report)
+}
+
+fn stonefish(data: &Path) -> Result<(), Failed> {
+    finishes(data, "stonefish/sf_w020_square_srgb.mcap", 25).map(drop)
+}
+
+/// A real dive comes out, and no figure of its verdict is worse than that of the raw images.
+fn is_not_worse_than_raw(data: &Path, log: &str, frames: usize) -> Result<(), Failed> {
+    let verdict = finishes(data, log, frames)?.verdict.ok_or("no verdict")?;
+    let (raw, used) = verdict.of("raw").zip(verdict.of(&verdict.used)).ok_or("no figures")?;
+    println!("measured {log}: raw {raw:?}, used {used:?}");
+    let pairs = [
+        ("agreement", raw.agreement, used.agreement),
+        ("colour", raw.chroma, used.chroma),
+        ("brightness", raw.light, used.light),
+    ];
+    for (what, raw, used) in pairs {
+        let (Some(raw), Some(used)) = (raw, used) else { continue };
+        ensure(used <= raw, format!("{log}: {what} is {used:.3}, raw images have {raw:.3}"))?;
+    }
+    Ok(())
 }
 
 /// Every file of the corpus opens without a panic, and what is read is what a second reader counts.
@@ -216,10 +238,15 @@ pub fn trials() -> Vec<Trial> {
     type Check = Box<dyn Fn(&Path) -> Result<(), Failed> + Send>;
     let checks: Vec<(&str, Check)> = vec![
         ("rendered A: attenuation", Box::new(rendered_a)),
-        ("stonefish finishes", Box::new(|d| finishes(d, "stonefish/sf_w020_square_srgb.mcap", 25))),
-        ("auv_set02 finishes", Box::new(|d| finishes(d, "real/auv_set02.mcap", 8))),
-        ("auv_set07 finishes", Box::new(|d| finishes(d, "real/auv_set07.mcap", 8))),
-        ("towed_port finishes", Box::new(|d| finishes(d, "real/towed_port.mcap", 50))),
+        ("stonefish finishes", Box::new(stonefish)),
+        ("auv_set02", Box::new(|d| is_not_worse_than_raw(d, "real/auv_set02.mcap", 8))),
+        ("auv_set07", Box::new(|d| is_not_worse_than_raw(d, "real/auv_set07.mcap", 8))),
+        ("towed_port", Box::new(|d| is_not_worse_than_raw(d, "real/towed_port.mcap", 50))),
+        ("towed_114", Box::new(|d| is_not_worse_than_raw(d, "real/towed_114_port.mcap", 50))),
+        (
+            "rov_soft_bottom",
+            Box::new(|d| is_not_worse_than_raw(d, "real/rov_soft_bottom.mcap", 20)),
+        ),
         ("MCAP corpus is read", Box::new(corpus)),
         ("MCAP corpus goes through", Box::new(corpus_goes_through)),
         ("a Water Linked A50 agrees with itself", Box::new(replay::a50)),

@@ -250,10 +250,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         attitude_topic,
         pings,
         flat_field: camera.flat_field,
-        flat_field_given: [
-            rig_file.camera.vignetting.is_some() || rig_file.camera.flat_field.is_some(),
-            rig_file.camera.black_level.is_some(),
-        ],
+        flat_field_given: flat_field_given(rig_file),
         transfer: transfer_known(options, camera.response.is_some()),
         response: camera.response,
         electrons: electrons(rig_file),
@@ -274,6 +271,12 @@ fn in_time_order(mut frames: Vec<FrameRef>) -> (Vec<FrameRef>, Vec<(FrameId, usi
     let mut numbers: Vec<_> = frames.iter().enumerate().map(|(i, f)| (f.id, i)).collect();
     numbers.sort_unstable();
     (frames, numbers)
+}
+
+/// Whether a rig file has the vignetting, and the black level.
+fn flat_field_given(RigFile { camera, .. }: &RigFile) -> [bool; 2] {
+    let has_vignetting = camera.vignetting.is_some() || camera.flat_field.is_some();
+    [has_vignetting, camera.black_level.is_some()]
 }
 
 /// A transfer curve by encoding alone is assumed; which images it applies to, they say themselves.

@@ -1,0 +1,95 @@
+//! Light of a frame by cells of the image, to see where there is much less than the model predicts:
+//! a lamp failed, or something casts a shadow. What is left there is light of other lamps and of
+//! the water, whose colour says nothing of the seafloor.
+
+use crate::image::Bands;
+use crate::image::decode::PixelValues;
+use crate::image::flat_field::FlatField;
+
+const COLUMNS: usize = 24;
+const ROWS: usize = 18;
+/// Rows and columns that are read of a cell: two of so many, as those of a mosaic alternate.
+const STEP: usize = 8;
+/// Share of the predicted light from which on colours are those of the seafloor, and below which
+/// there are none. Dark objects reflect a fifth of the median seafloor's light.
+const LIT: f64 = 0.22;
+const UNLIT: f64 = 0.08;
+
+/// Mean light of cells, without vignetting and the bands' own gains.
+pub struct LightMap {
+    size: (usize, usize),
+    cells: Vec<Bands>,
+}
+
+impl LightMap {
+    /// Of the pixel values of a frame; `balance` divides a row by the bands' own gains.
+    pub fn of(
+        codes: &PixelValues<'_>,
+        flat_field: Option<&FlatField>,
+        balance: impl Fn(usize, &mut [f32]),
+    ) -> Self {
+        let (width, height, stored) = (codes.width, codes.height, codes.stored_bands());
+        let mut cells = vec![[0f64; 3]; COLUMNS * ROWS];
+        let mut counts = vec![[0usize; 3]; COLUMNS * ROWS];
+        let mut row = vec![0f32; width * stored];
+        for y in (0..height).filter(|y| y % STEP < 2) {
+            codes.linear_row(y, &mut row);
+            if let Some(flat) = flat_field {
+                flat.divide_row(y, codes.mosaic, &mut row);
+            }
+            balance(y, &mut row);
+            for x in (0..width).filter(|x| x % STEP < 2) {
+                let cell = y * ROWS / height * COLUMNS + x * COLUMNS / width;
+                for b in 0..stored {
+                    let band = codes.mosaic.map_or(b, |pattern| pattern.band(x, y));
+                    cells[cell][band] += f64::from(row[x * stored + b]);
+                    counts[cell][band] += 1;
+                }
+            }
+        }
+        for (cell, counts) in cells.iter_mut().zip(&counts) {
+            (0..3).for_each(|b| cell[b] /= counts[b].max(1) as f64);
+        }
+        Self { size: (width, height), cells }
+    }
+
+    /// Share of its colour that a pixel keeps, by the light that is predicted there.
+    pub fn colour_share(&self, (u, v): (f64, f64), predicted: &Bands) -> f32 {
+        let place = |at: f64, size: usize, cells: usize| {
+            let cell = (at / size as f64 * cells as f64 - 0.5).clamp(0.0, (cells - 1) as f64);
+            let first = (cell as usize).min(cells - 2);
+            (first, cell - first as f64)
+        };
+        let (column, right) = place(u, self.size.0, COLUMNS);
+        let (row, down) = place(v, self.size.1, ROWS);
+        let light = |row: usize, column: usize| self.cells[row * COLUMNS + column];
+        let mut sum = 0.0;
+        for (r, by_row) in [(row, 1.0 - down), (row + 1, down)] {
+            for (c, by_column) in [(column, 1.0 - right), (column + 1, right)] {
+                sum += by_row * by_column * light(r, c).iter().sum::<f64>();
+            }
+        }
+        let share = sum / predicted.iter().sum::<f64>().max(1e-12);
+        let x = ((share - UNLIT) / (LIT - UNLIT)).clamp(0.0, 1.0);
+        (x * x * (3.0 - 2.0 * x)) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colour_fades_where_light_is_missing() {
+        let mut cells = vec![[0.2, 0.4, 0.3]; COLUMNS * ROWS];
+        cells[..COLUMNS * 6].fill([0.02, 0.01, 0.005]);
+        let map = LightMap { size: (240, 180), cells };
+        let predicted = [0.2, 0.4, 0.3];
+        assert!(map.colour_share((120.0, 20.0), &predicted).abs() < 1e-6);
+        assert!((map.colour_share((120.0, 150.0), &predicted) - 1.0).abs() < 1e-6);
+        let shares: Vec<f32> =
+            (50..80).map(|v| map.colour_share((77.0, f64::from(v)), &predicted)).collect();
+        assert!(shares.windows(2).all(|pair| pair[0] <= pair[1]), "{shares:?}");
+        assert!(shares.iter().any(|s| (0.2..0.8).contains(s)), "{shares:?}");
+    }
+}
