@@ -41,7 +41,7 @@ mod tests {
     fn messages(wire: WireFormat) -> [(OutputType, Vec<u8>); 9] {
         let header = written_header();
         let camera = Camera::from_field_of_view(640, 480, 60.0);
-        let frame = with_header(wire, &header).u8(1).text("why").f64s(&[0.5; 11]).finish();
+        let frame = with_header(wire, &header).u8(1).text("why").f64s(&[0.5; 14]).finish();
         let raw = RawImage { width: 2, height: 1, encoding: "rgb8", step: 6, data: &[0; 6] };
         let point = ScenePoint { position_m: [1.0, 2.0, 3.0], rgb: [255, 128, 0] };
         let shift = Isometry3::translation(1.0, 2.0, 3.0);
