@@ -6,10 +6,13 @@ use crate::image::Bands;
 use crate::image::decode::PixelValues;
 use crate::image::flat_field::FlatField;
 
+/// Most columns and rows of cells.
 const COLUMNS: usize = 24;
 const ROWS: usize = 18;
-/// Rows and columns that are read of a cell: two of so many, as those of a mosaic alternate.
+/// Rows and columns that are read: two of so many, as those of a mosaic alternate.
 const STEP: usize = 8;
+/// Smallest side of a cell (px): some of its pixels are read, wherever it begins.
+const MIN_CELL: usize = 2 * STEP;
 /// Share of the predicted light from which on colours are those of the seafloor, and below which
 /// there are none. Dark objects reflect a fifth of the median seafloor's light.
 const LIT: f64 = 0.22;
@@ -18,6 +21,8 @@ const UNLIT: f64 = 0.08;
 /// Mean light of cells, without vignetting and the bands' own gains.
 pub struct LightMap {
     size: (usize, usize),
+    /// columns and rows
+    shape: (usize, usize),
     cells: Vec<Bands>,
 }
 
@@ -29,8 +34,9 @@ impl LightMap {
         balance: impl Fn(usize, &mut [f32]),
     ) -> Self {
         let (width, height, stored) = (codes.width, codes.height, codes.stored_bands());
-        let mut cells = vec![[0f64; 3]; COLUMNS * ROWS];
-        let mut counts = vec![[0usize; 3]; COLUMNS * ROWS];
+        let (columns, rows) = shape(width, height);
+        let mut cells = vec![[0f64; 3]; columns * rows];
+        let mut counts = vec![[0usize; 3]; columns * rows];
         let mut row = vec![0f32; width * stored];
         for y in (0..height).filter(|y| y % STEP < 2) {
             codes.linear_row(y, &mut row);
@@ -39,7 +45,7 @@ impl LightMap {
             }
             balance(y, &mut row);
             for x in (0..width).filter(|x| x % STEP < 2) {
-                let cell = y * ROWS / height * COLUMNS + x * COLUMNS / width;
+                let cell = y * rows / height * columns + x * columns / width;
                 for b in 0..stored {
                     let band = codes.mosaic.map_or(b, |pattern| pattern.band(x, y));
                     cells[cell][band] += f64::from(row[x * stored + b]);
@@ -50,19 +56,22 @@ impl LightMap {
         for (cell, counts) in cells.iter_mut().zip(&counts) {
             (0..3).for_each(|b| cell[b] /= counts[b].max(1) as f64);
         }
-        Self { size: (width, height), cells }
+        Self { size: (width, height), shape: (columns, rows), cells }
     }
 
     /// Share of its colour that a pixel keeps, by the light that is predicted there.
     pub fn colour_share(&self, (u, v): (f64, f64), predicted: &Bands) -> f32 {
         let place = |at: f64, size: usize, cells: usize| {
             let cell = (at / size as f64 * cells as f64 - 0.5).clamp(0.0, (cells - 1) as f64);
-            let first = (cell as usize).min(cells - 2);
+            let first = (cell as usize).min(cells.saturating_sub(2));
             (first, cell - first as f64)
         };
-        let (column, right) = place(u, self.size.0, COLUMNS);
-        let (row, down) = place(v, self.size.1, ROWS);
-        let light = |row: usize, column: usize| self.cells[row * COLUMNS + column];
+        let (columns, rows) = self.shape;
+        let (column, right) = place(u, self.size.0, columns);
+        let (row, down) = place(v, self.size.1, rows);
+        let light = |row: usize, column: usize| {
+            self.cells[row.min(rows - 1) * columns + column.min(columns - 1)]
+        };
         let mut sum = 0.0;
         for (r, by_row) in [(row, 1.0 - down), (row + 1, down)] {
             for (c, by_column) in [(column, 1.0 - right), (column + 1, right)] {
@@ -75,15 +84,47 @@ impl LightMap {
     }
 }
 
+/// Columns and rows for an image of this size.
+fn shape(width: usize, height: usize) -> (usize, usize) {
+    ((width / MIN_CELL).clamp(1, COLUMNS), (height / MIN_CELL).clamp(1, ROWS))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::EncodedImage;
+    use crate::image::decode::{CameraResponse, read_pixels};
+
+    #[test]
+    fn an_even_image_of_any_size_keeps_its_colour() {
+        for (width, height) in [(7, 5), (40, 30), (160, 120), (203, 151), (640, 480)] {
+            let data = vec![120u8; 3 * width * height];
+            let step = 3 * width;
+            let encoded = EncodedImage::Raw {
+                encoding: "rgb8",
+                width,
+                height,
+                step,
+                big_endian: false,
+                data: &data,
+            };
+            let codes = read_pixels(&encoded, CameraResponse::default()).expect("an image");
+            let map = LightMap::of(&codes, None, |_, _| {});
+            let light = codes.mean_light();
+            for v in 0..height {
+                for u in 0..width {
+                    let share = map.colour_share((u as f64, v as f64), &light);
+                    assert!((share - 1.0).abs() < 1e-6, "{width}×{height} at {u}, {v}: {share}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn colour_fades_where_light_is_missing() {
         let mut cells = vec![[0.2, 0.4, 0.3]; COLUMNS * ROWS];
         cells[..COLUMNS * 6].fill([0.02, 0.01, 0.005]);
-        let map = LightMap { size: (240, 180), cells };
+        let map = LightMap { size: (240, 180), shape: (COLUMNS, ROWS), cells };
         let predicted = [0.2, 0.4, 0.3];
         assert!(map.colour_share((120.0, 20.0), &predicted).abs() < 1e-6);
         assert!((map.colour_share((120.0, 150.0), &predicted) - 1.0).abs() < 1e-6);

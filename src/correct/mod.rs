@@ -1,8 +1,9 @@
 //! Pass two: a frame and its view → a corrected frame (paper §IV-D, Fig. 10).
 //!
 //! ```text
-//! r_Λ = (c_Λ − B_Λ) / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × one gain per band for the whole log
+//! r_Λ = (c_Λ − B_Λ) / (BP(θ, φ) · e^(−α_Λ ℓ) · spreading · cos γ) × gain_Λ
 //! ```
+//! with one gain per band for the whole log.
 //!
 //! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log.
 //! Except in `baselines`, which are there for comparison, no statistic of a single frame affects

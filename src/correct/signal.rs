@@ -9,7 +9,8 @@
 //! noise of the pixel values there and the uncertainty of the backscatter that is removed. y is
 //! corrected light over its median M in the log. Where a band's signal is weak, its deviation from
 //! the luminance L of the better bands is reduced; where no band has signal, the image fades to M,
-//! a neutral grey. Weights depend on geometry and model only: they are the same for the whole log
+//! a neutral grey. Weights depend on geometry and model only, but for places where a frame has
+//! hardly any light (`light_map`): they are the same for the whole log
 //! and smooth in space, and y = 1 stays 1, so that nothing becomes darker. The standard deviation
 //! of y' is at most 1/k, whatever the gain: of w y alone it is √(w (1 − w)) / k.
 

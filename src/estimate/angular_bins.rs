@@ -1,11 +1,12 @@
 //! The beam pattern from angular bins (paper §IV-C, Eq. 17, Fig. 9).
 //!
 //! ```text
-//! log BP(θ_i, φ_j) = mean over bands Λ and pixels p of log c_Λ + α_Λ ℓ + spreading − log cos γ   Eq. 17
+//! log BP(θ_i, φ_j) = mean over Λ, p of log c_Λ + α_Λ ℓ + spreading − log cos γ    Eq. 17
 //! ```
 //!
-//! As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one log BP, so the sum of
-//! three is three times log BP, a factor that normalising does not remove. A mean is meant.
+//! Λ are bands, p pixels. As printed, Eq. 17 *sums* over Λ; with Eq. 15 each band contributes one
+//! log BP, so the sum of three is three times log BP, a factor that normalising does not remove. A
+//! mean is meant.
 //! Assumed: no spatial bias in the reflectance. A sample counts only where all bands are measured,
 //! so no bin leans on one of them.
 

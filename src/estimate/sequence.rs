@@ -152,10 +152,11 @@ pub fn estimate_model(
     let estimate = finish(explained, found.clone(), given)?;
     let estimate = match plain.filter(|_| estimate.judgement.empirical.is_some()) {
         // An empirical model without the gains of a solve that it replaces may be better: these
-        // drift along a log that does not determine attenuation.
+        // drift along a log that does not determine attenuation. A physical model without faults of
+        // the camera that came to light is none.
         Some(plain) => match finish(plain, found, given) {
-            Ok(simpler) => better(estimate, simpler),
-            Err(_) => estimate,
+            Ok(simpler) if simpler.judgement.empirical.is_some() => better(estimate, simpler),
+            _ => estimate,
         },
         None => estimate,
     };

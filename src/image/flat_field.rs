@@ -12,21 +12,12 @@ const MIN_TRANSMISSION: f32 = 0.02;
 /// Quantile of an image that counts as transmission 1; single pixels may be outliers.
 const WHITE_QUANTILE: f64 = 0.99;
 
-/// What a transmission is known by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Source {
-    /// nothing: it is 1
-    Even,
-    /// smooth, so that images of another size of the same camera can use it
-    Formula,
-    Image,
-}
-
 /// Transmission per pixel and band; 1 at the brightest pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatField {
     transmission: LinearImage,
-    source: Source,
+    /// whether it is smooth, so that images of another size of the same camera can use it
+    is_formula: bool,
     /// black level per band, subtracted before (share of full scale)
     dark: Bands,
 }
@@ -40,17 +31,12 @@ impl FlatField {
                 .enumerate()
                 .for_each(|(x, v)| *v = (at(x as f64, y as f64) as f32).max(MIN_TRANSMISSION));
         }
-        Self { transmission, source: Source::Formula, dark: [0.0; 3] }
+        Self { transmission, is_formula: true, dark: [0.0; 3] }
     }
 
     /// Of transmission 1.
     pub fn even(width: usize, height: usize) -> Self {
-        Self { source: Source::Even, ..Self::from_fn(width, height, |_, _| 1.0) }
-    }
-
-    /// Whether its transmission is 1.
-    pub fn is_even(&self) -> bool {
-        self.source == Source::Even
+        Self::from_fn(width, height, |_, _| 1.0)
     }
 
     /// The same with a black level per band (share of full scale).
@@ -76,7 +62,7 @@ impl FlatField {
                 .step_by(image.bands)
                 .for_each(|v| *v = (*v / white.max(1e-9)).max(MIN_TRANSMISSION));
         }
-        Self { transmission: image, source: Source::Image, dark }
+        Self { transmission: image, is_formula: false, dark }
     }
 
     /// The flat field of images of another size that show the same view. One from an image is of
@@ -88,7 +74,7 @@ impl FlatField {
         let image = &self.transmission;
         match self.check_size(width, height) {
             Ok(()) => Ok(Cow::Borrowed(self)),
-            Err(e) if self.source == Source::Image => Err(e),
+            Err(e) if !self.is_formula => Err(e),
             Err(_) => {
                 let place = |at: f64, from: usize, to: usize| {
                     (((at + 0.5) * from as f64 / to as f64) as usize).min(from - 1)
@@ -98,7 +84,7 @@ impl FlatField {
                         (place(x, image.width, width), place(y, image.height, height));
                     f64::from(image.at(column, row)[0])
                 });
-                Ok(Cow::Owned(Self { source: self.source, dark: self.dark, ..scaled }))
+                Ok(Cow::Owned(scaled.with_dark(self.dark)))
             }
         }
     }

@@ -47,7 +47,7 @@ pub enum EncodedImage<'v> {
         /// `height × step` bytes
         data: &'v [u8],
     },
-    /// a JPEG, PNG or WebP file
+    /// a JPEG, PNG, TIFF or WebP file
     Compressed {
         /// as in `sensor_msgs/CompressedImage`; only the part before `;`, the encoding before
         /// compression, is used

@@ -412,9 +412,14 @@ impl ModelFile {
         Self { warnings, diagnostics, identified, not_identified_because, ..self }
     }
 
+    /// Whether a physical estimator has an α; without one it is 0.
+    pub fn has_attenuation(&self) -> bool {
+        self.empirical.is_none() || self.attenuation_std_per_m.iter().any(Option::is_some)
+    }
+
     /// α ± its standard deviation per band, for people.
     pub fn attenuation_text(&self) -> String {
-        if self.empirical.is_some() && self.attenuation_std_per_m.iter().all(Option::is_none) {
+        if !self.has_attenuation() {
             return "not known".into();
         }
         let std = |s: &Option<f64>| s.map_or_else(|| "?".into(), |s| format!("{s:.4}"));

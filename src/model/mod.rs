@@ -2,7 +2,7 @@
 //! 15).
 //!
 //! ```text
-//! log c_Λ = log r_Λ + log BP(θ, φ) − α_Λ (ℓ_a + ℓ_s) − p_a log ℓ_a − p_s log ℓ_s + log cos γ    Eq. 15
+//! log c_Λ = log r_Λ + log BP(θ, φ) − α_Λ (ℓ_a + ℓ_s) − p_a log ℓ_a − p_s log ℓ_s + log cos γ
 //! ```
 //!
 //! p_a = 2, p_s = 0 (`strobe`): the strobe's light falls with 1/ℓ_a² (Eq. 4). The paper drops

@@ -347,17 +347,17 @@ impl Methods<'_> {
             0 => "no keypoint matches with other frames".into(),
             n => format!("{points} points in {n} other frames"),
         };
-        let alpha: Vec<String> =
-            self.bench.model.file.attenuation_per_m.iter().map(|a| format!("{a:.3}")).collect();
-        let caveat = if self.bench.model.file.identified { "" } else { ", not identified" };
+        let file = &self.bench.model.file;
+        let alpha: Vec<String> = file.attenuation_per_m.iter().map(|a| format!("{a:.3}")).collect();
+        let alpha = match (file.has_attenuation(), file.identified) {
+            (false, _) => file.attenuation_text(),
+            (_, true) => format!("{} per metre", alpha.join(" / ")),
+            (_, false) => format!("{} per metre, not identified", alpha.join(" / ")),
+        };
         let altitude_m = here.altitude_m;
         (
             title,
-            format!(
-                "{time}, {altitude_m:.2} m above the seafloor; {overlap}; attenuation {} per \
-                 metre{caveat}",
-                alpha.join(" / ")
-            ),
+            format!("{time}, {altitude_m:.2} m above the seafloor; {overlap}; attenuation {alpha}"),
         )
     }
 }

@@ -1,5 +1,6 @@
 //! A model for the frames of one camera of a log.
 
+use crate::config::Method;
 use crate::correct::Correction;
 use crate::error::{Error, Result};
 use crate::image::Bands;
@@ -7,7 +8,8 @@ use crate::model::ModelFile;
 use crate::session::{CameraSession, Frame, FrameGains, FrameRef};
 
 use super::model_of::strobe_of;
-use super::prepared_model::{PreparedModel, Rendering, Sensor};
+use super::output_names::method_name;
+use super::prepared_model::{PreparedModel, Rendering, Sensor, removes_water};
 
 /// A model, prepared for the frames of one camera.
 pub struct CameraModel {
@@ -23,12 +25,21 @@ impl CameraModel {
     /// to that, and its white level, as a dark log uses fewer bits than the sensor has.
     ///
     /// # Errors
-    /// The model's beam pattern cannot be read, or the log not.
+    /// The model's beam pattern cannot be read, or the log not; the method needs an attenuation and
+    /// the model has none.
     pub fn new(
         session: &mut CameraSession,
         file: ModelFile,
         source_sha256: Option<&str>,
     ) -> Result<Self> {
+        let method = session.config.render.method;
+        if !file.has_attenuation() && method != Method::Full && removes_water(method) {
+            return Err(Error::Usage(format!(
+                "the method {} needs an attenuation, and the log determines none: use \
+                 --method full, or the model of another dive of the same water and strobe",
+                method_name(method)
+            )));
+        }
         let survey = &mut session.survey;
         survey.rig.strobe = strobe_of(&file, &survey.rig);
         let chosen = session.config.light.white_level;

@@ -2,8 +2,6 @@
 //! single pings then contradict roll and pitch of the attitude sensor; whether the instrument or
 //! that sensor is turned, the images decide.
 
-use std::sync::Arc;
-
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::fit::fit_model;
@@ -67,11 +65,8 @@ pub fn fit_model_and_yaw(
         answers.and_then(|a| a.get(&Estimator::Joint)?.residual).unwrap_or(f64::INFINITY)
     };
     let Yaw { deg: yaw_deg, residual_deg } = yaw;
-    let (mut fit, is_better) = match (residual(&other) < residual(&given), given) {
-        (true, Err(_)) if is_replaced => (other?, true),
-        (true, Ok(_)) if is_replaced => (other?, true),
-        (is_better, given) => (given?, is_better),
-    };
+    let is_better = residual(&other) < residual(&given);
+    let mut fit = if is_better && is_replaced { other? } else { given? };
     let rotation = turned_logs[0].survey.rig.body_from_dvl.isometry().rotation;
     let rotation_xyzw: [f64; 4] = rotation.coords.into();
     let fact = if is_better {
@@ -96,17 +91,12 @@ fn about_axis(deg: f64) -> UnitQuaternion<f64> {
 
 /// The log with its instrument turned about its axis.
 fn turned(log: &CameraSession, deg: f64) -> CameraSession {
-    let mut survey = log.survey.clone();
-    let rotation = survey.rig.body_from_dvl.isometry().rotation * about_axis(deg);
+    let mut turned = log.clone();
+    let rotation = turned.survey.rig.body_from_dvl.isometry().rotation * about_axis(deg);
     let rotation = Some(rotation.coords.into());
     let geometry = GeometryFile { dvl_rotation_xyzw: rotation, ..GeometryFile::default() };
-    survey.take_geometry(&geometry, &log.config.seafloor);
-    CameraSession {
-        recording: Arc::clone(&log.recording),
-        index: Arc::clone(&log.index),
-        survey,
-        config: log.config.clone(),
-    }
+    turned.survey.take_geometry(&geometry, &log.config.seafloor);
+    turned
 }
 
 /// The turn that the planes of single pings and the attitude show.

@@ -1,7 +1,5 @@
 //! Pass one over more and more frames, until the model is good enough.
 
-use std::sync::Arc;
-
 use crate::config::EstimateConfig;
 use crate::correct::MeanFrames;
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
@@ -95,12 +93,7 @@ impl Replaced {
     }
 
     fn applied_to(&self, log: &CameraSession) -> Result<CameraSession> {
-        let mut changed = CameraSession {
-            recording: Arc::clone(&log.recording),
-            index: Arc::clone(&log.index),
-            survey: log.survey.clone(),
-            config: log.config.clone(),
-        };
+        let mut changed = log.clone();
         if let Some(camera) = &self.camera {
             changed.survey.take_response(camera)?;
         }

@@ -14,6 +14,7 @@ use crate::parallel::{Job, Threads};
 use crate::recording::{Entry, FrameId, Message, Recording, Window};
 
 /// A camera of a scanned log.
+#[derive(Clone)]
 pub struct CameraSession {
     /// the file
     pub recording: Arc<Recording>,

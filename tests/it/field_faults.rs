@@ -261,7 +261,7 @@ fn mounts_that_are_placeholders_or_not_in_metres_are_named() {
 }
 
 /// A gradient with some texture, 48×32.
-fn picture() -> Vec<u8> {
+fn sample_values() -> Vec<u8> {
     let value = |x: usize, y: usize, b: usize| (5 * x + 3 * y + 40 * b + x * y % 7) as u8;
     let pixel = |i: usize| [0, 1, 2].map(|b| value(i % 48, i / 48, b));
     (0..48 * 32).flat_map(pixel).collect()
@@ -277,7 +277,7 @@ fn pixels(data: &[u8]) -> Vec<f32> {
 fn motion_jpeg_without_huffman_tables_is_read() {
     let mut whole = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut whole, 90);
-    encoder.encode(&picture(), 48, 32, jpeg_encoder::ColorType::Rgb).unwrap();
+    encoder.encode(&sample_values(), 48, 32, jpeg_encoder::ColorType::Rgb).unwrap();
     let (mut bare, mut at) = (whole[..2].to_vec(), 2);
     while whole[at + 1] != 0xda {
         let end = at + 2 + usize::from(u16::from_be_bytes([whole[at + 2], whole[at + 3]]));
@@ -294,9 +294,9 @@ fn motion_jpeg_without_huffman_tables_is_read() {
 #[test]
 fn tiff_is_read() {
     // Uncompressed, little-endian, one strip: header, pixels, directory.
-    let picture = picture();
-    let (bits, directory) = (8 + picture.len() as u32, 8 + picture.len() as u32 + 6);
-    let mut file = [b"II\x2a\0", &directory.to_le_bytes()[..], &picture].concat();
+    let sample_values = sample_values();
+    let (bits, directory) = (8 + sample_values.len() as u32, 8 + sample_values.len() as u32 + 6);
+    let mut file = [b"II\x2a\0", &directory.to_le_bytes()[..], &sample_values].concat();
     file.extend([8u16; 3].iter().flat_map(|v| v.to_le_bytes()));
     let entries: [(u16, u16, u32, u32); 9] = [
         (256, 3, 1, 48),
@@ -307,7 +307,7 @@ fn tiff_is_read() {
         (273, 4, 1, 8),
         (277, 3, 1, 3),
         (278, 3, 1, 32),
-        (279, 4, 1, picture.len() as u32),
+        (279, 4, 1, sample_values.len() as u32),
     ];
     file.extend((entries.len() as u16).to_le_bytes());
     for (tag, kind, count, value) in entries {
@@ -321,7 +321,7 @@ fn tiff_is_read() {
         encoding: "rgb8",
         big_endian: false,
         step: 144,
-        data: &picture,
+        data: &sample_values,
     };
     let raw = decode(&raw, CameraResponse::default()).unwrap().image.into_demosaiced().pixels;
     assert_eq!(pixels(&file), raw);

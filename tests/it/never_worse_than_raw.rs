@@ -7,7 +7,8 @@ use crate::support::evenness::Evenness;
 use crate::support::judge::{assert_within, images};
 use crate::support::render::conditions::Conditions;
 use crate::support::render::{Dive, DvlType, Sensor, Truth};
-use unwater::config::Estimator;
+use unwater::config::{Estimator, Method};
+use unwater::error::Error;
 use unwater::image::LinearImage;
 use unwater::model::{ModelFile, VerdictMeasure};
 use unwater::report::Report;
@@ -114,6 +115,12 @@ fn a_dive_that_determines_no_attenuation_is_corrected() {
         assert!(is <= than, "worse than raw: {is} {than}");
     }
     assert!(is.flat - 1.0 < 0.5 * (raw.flat - 1.0), "{is:?} {raw:?}");
+    // A method that divides by attenuation alone has nothing to divide by.
+    let mut alone = Options { force: true, ..Options::default() };
+    alone.config.render.method = Method::Attenuation;
+    let input = folder.path().join("dive.mcap");
+    let refused = correct(&input, &folder.path().join("alone.mcap"), None, &alone, &Silent);
+    assert!(matches!(refused, Err(Error::Usage(_))), "{refused:?}");
     // A chosen estimator has no stand-in.
     let mut altitude = Options { force: true, ..Options::default() };
     altitude.config.estimate.estimator = Estimator::Altitude;

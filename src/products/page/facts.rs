@@ -227,10 +227,12 @@ fn attenuation(model: &ModelFile, place: &str) -> String {
             None => "unknown".into(),
         };
         let name = names.get(b).copied().unwrap_or("");
+        let alpha =
+            if model.has_attenuation() { format!("{alpha:.4}") } else { "unknown".to_string() };
         let _infallible = write!(
             rows,
             "<tr><th scope=\"row\"><span class=\"key \
-             k-{name}\"></span>{name}</th><td>{alpha:.4}</td><td>{interval}</td></tr>"
+             k-{name}\"></span>{name}</th><td>{alpha}</td><td>{interval}</td></tr>"
         );
     }
     let kind = match model.attenuation_kind {

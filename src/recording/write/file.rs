@@ -109,7 +109,10 @@ impl Statistics {
 fn remove_left_behind(target: &Path, name: &str) {
     let folder = target.parent().filter(|f| !f.as_os_str().is_empty());
     let Ok(files) = std::fs::read_dir(folder.unwrap_or(Path::new("."))) else { return };
-    let is_running = |process: &str| Path::new("/proc").join(process).exists();
+    // Where running processes cannot be listed, any may go on.
+    let processes = Path::new("/proc");
+    let is_running =
+        |process: &str| !processes.join("self").exists() || processes.join(process).exists();
     for file in files.flatten() {
         let found = file.file_name().to_string_lossy().into_owned();
         let process =

@@ -35,6 +35,9 @@ pub const PLOT: OutputTopic = OutputTopic {
 /// α and its standard deviation at a time, per band (1/m); NaN where unknown.
 fn attenuation_at(camera: &CameraOutput<'_>, stamp: Stamp) -> (Vec<f64>, Vec<f64>) {
     let (model, file) = (&camera.model.prepared.model, &camera.model.file);
+    if !file.has_attenuation() {
+        return (vec![f64::NAN; model.bands], vec![f64::NAN; model.bands]);
+    }
     match (model.over_time.at(stamp), model.over_time.std_at(stamp)) {
         (Some(alpha), Some(std)) => (alpha[..model.bands].to_vec(), std[..model.bands].to_vec()),
         _ => (

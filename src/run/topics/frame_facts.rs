@@ -50,12 +50,12 @@ pub const LOG: OutputTopic = OutputTopic {
 
 fn opening_lines(camera: &CameraOutput<'_>) -> Vec<LogLine> {
     let file = &camera.model.file;
-    let mut lines = vec![LogLine::info(format!(
-        "{} attenuation {} per metre, by the {} estimator",
-        file.attenuation_kind.word(),
-        file.attenuation_text(),
-        file.estimator.word()
-    ))];
+    let (kind, estimator) = (file.attenuation_kind.word(), file.estimator.word());
+    let attenuation = match file.attenuation_text() {
+        text if file.has_attenuation() => format!("{kind} attenuation {text} per metre"),
+        text => format!("attenuation {text}"),
+    };
+    let mut lines = vec![LogLine::info(format!("{attenuation}, by the {estimator} estimator"))];
     let diagnostics = [camera.model_diagnostics, &camera.session.survey.diagnostics].concat();
     let of = |severity: Severity| {
         let of_severity = diagnostics.iter().filter(move |d| d.severity() == severity);

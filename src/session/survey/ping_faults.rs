@@ -1,4 +1,4 @@
-//! Pings that are no measurements of their own: all beams alike, and the same ping again and again.
+//! Pings that are no measurements of their own: all beams equal, and the same ping again and again.
 
 use super::checks::FROZEN_MESSAGES;
 use crate::diagnostics::RangeFact;
