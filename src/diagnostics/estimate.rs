@@ -90,6 +90,11 @@ facts! {
                   level, and its slope shifts the answer by an unknown amount"),
             remedy("set the driver to send the range of each beam, or use a model of another log: \
                     --model MODEL.json");
+        Warning "not-identified-mount" MountContradicted,
+            text("the mount of the range instrument that is used contradicts the attitude and the \
+                  images"),
+            remedy("correct the mount, or let the one that fits be used: --self-calibration auto, \
+                    without [dvl.mount] in the rig file");
         Warning "not-identified-no-overlap" NoOverlap { tracks: usize, needed: usize },
             text("{tracks} points of the seafloor are seen more than once, {needed} are needed: \
                   what is left is the mean light against the altitude, which assumes the same \

@@ -412,6 +412,14 @@ impl ModelFile {
         Self { warnings, diagnostics, identified, not_identified_because, ..self }
     }
 
+    /// Marks it as not identified, unless it is already.
+    pub fn set_not_identified(&mut self, why: NotIdentified) {
+        if std::mem::take(&mut self.identified) {
+            self.not_identified_because = Some(why.to_string());
+            self.diagnostics.push(why.into());
+        }
+    }
+
     /// Whether a physical estimator has an α; without one it is 0.
     pub fn has_attenuation(&self) -> bool {
         self.empirical.is_none() || self.attenuation_std_per_m.iter().any(Option::is_some)

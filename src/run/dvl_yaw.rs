@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::fit::fit_model;
 use crate::config::{Estimator, SeafloorConfig, SelfCalibration};
 use crate::correct::MeanFrames;
-use crate::diagnostics::{Diagnostic, MountFact};
+use crate::diagnostics::{Diagnostic, MountFact, NotIdentified};
 use crate::error::Result;
 use crate::geometry::SeafloorEstimator;
 use crate::model::{GeometryFile, ModelFile};
@@ -74,7 +74,9 @@ pub fn fit_model_and_yaw(
     } else {
         MountFact::AttitudeTurned { yaw_deg, residual_deg }
     };
-    if is_better && is_replaced {
+    if is_better && !is_replaced {
+        fit.0.set_not_identified(NotIdentified::MountContradicted);
+    } else if is_better {
         let geometry = fit.0.geometry.get_or_insert_with(GeometryFile::default);
         geometry.dvl_rotation_xyzw.get_or_insert(rotation_xyzw);
     }

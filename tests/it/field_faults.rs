@@ -2,6 +2,7 @@
 //! on. The logs are edits of the sample log; whole logs of each kind are in `UNWATER_DATA`.
 use std::path::Path;
 
+use unwater::config::SelfCalibration;
 use unwater::error::Error;
 use unwater::image::EncodedImage;
 use unwater::image::decode::{CameraResponse, decode};
@@ -403,4 +404,10 @@ fn whole_logs_with_one_fault_give_the_right_attenuation_or_none() {
     let turned = estimated("dvl_turned_135").expect("a model");
     assert!(turned.diagnostics.iter().any(|d| d.code() == "dvl-turned-about-its-axis"));
     assert!(turned.geometry.is_some_and(|g| g.dvl_rotation_xyzw.is_some()));
+    // Only reported, the given mount gives a wrong number.
+    let mut report = Options::default();
+    report.config.estimate.self_calibration = SelfCalibration::Report;
+    let path = field_log("dvl_turned_135").expect("a log");
+    let (kept, _) = estimate_logs(&[&path], &report, &Silent).expect("a model");
+    assert!(!kept.identified && kept.geometry.is_none(), "{:?}", kept.attenuation_per_m);
 }
