@@ -28,6 +28,9 @@ facts! {
                   held-out frames it is better than attenuation and beam pattern"),
             remedy("its numbers are no properties of the water; overlap at several altitudes and \
                     measured mounts let attenuation be determined");
+        Info "daylight-found" DaylightFound { share: f64 },
+            text("up to {:.0} % of the light of tracked points is daylight (median, brightest band); \
+                  it is modelled", 100.0 * share);
         Warning "backscatter-not-determined" BackscatterUnknown,
             text("--backscatter on: the log does not determine backscatter; it is not removed"),
             remedy("frames that overlap at different altitudes are needed");

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
+use super::daylight::DaylightFit;
 use super::drift::DriftFit;
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
@@ -31,8 +32,12 @@ pub struct Dataset<'s> {
     pub lamps: Lamps,
     /// whether the strobe's position is not measured: estimated from these samples, or a guess
     pub strobe_is_free: bool,
-    /// backscatter that has been removed from the samples, and the tracks before it was
-    pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
+    /// backscatter that has been removed from the samples
+    pub backscatter: Option<&'s BackscatterFit>,
+    /// daylight that has been removed from the samples
+    pub daylight: Option<&'s DaylightFit>,
+    /// the tracks before either was; `None` where nothing was removed
+    pub raw_tracks: Option<&'s [Track]>,
     /// what of the camera has been removed from the samples and stays unknown in the solves
     pub camera: Option<&'s CameraFit>,
     /// nodes of α in time
@@ -42,7 +47,7 @@ pub struct Dataset<'s> {
 }
 
 impl<'s> Dataset<'s> {
-    /// Samples without backscatter or drift, the strobe where it is measured to be.
+    /// Samples without backscatter, daylight or drift, the strobe where it is measured to be.
     pub fn plain(
         frames: &'s [FrameSamples],
         tracks: &'s [Track],
@@ -56,6 +61,8 @@ impl<'s> Dataset<'s> {
             lamps,
             strobe_is_free: false,
             backscatter: None,
+            daylight: None,
+            raw_tracks: None,
             camera: None,
             drift: None,
             unmodelled_backscatter: None,
@@ -68,9 +75,9 @@ impl<'s> Dataset<'s> {
         (hit.x / hit.z, hit.y / hit.z, sample.seafloor_to_camera_m)
     }
 
-    /// The tracks before backscatter was removed.
+    /// The tracks before backscatter and daylight were removed.
     pub fn raw_tracks(&self) -> &'s [Track] {
-        self.backscatter.map_or(self.tracks, |(_, raw)| raw)
+        self.raw_tracks.unwrap_or(self.tracks)
     }
 
     /// Moments with pings of their own: frames nearer than `PINGS_SHARED_S` share their errors.
@@ -116,7 +123,8 @@ impl<'s> Dataset<'s> {
             spreading,
             incidence: config.incidence,
             beam_pattern,
-            backscatter: self.backscatter.map(|(fit, _)| fit.backscatter),
+            backscatter: self.backscatter.map(|fit| fit.backscatter),
+            daylight: self.daylight.map(|fit| fit.daylight),
             empirical: None,
         }
     }

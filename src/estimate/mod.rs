@@ -11,6 +11,7 @@ mod angular_bins;
 mod backscatter;
 mod camera_fit;
 mod dataset;
+mod daylight;
 mod descriptor;
 mod drift;
 mod exposure;
@@ -37,6 +38,7 @@ pub use crate::solver::{Observation, Sample, Track};
 pub use backscatter::BackscatterFit;
 pub use camera_fit::{CameraFit, CameraTermsFound};
 pub use dataset::Dataset;
+pub use daylight::DaylightFit;
 pub use exposure::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use methods::empirical::EmpiricalFit;
@@ -156,6 +158,8 @@ pub struct ModelEstimate {
     pub strobe: StrobePlacement,
     /// backscatter
     pub backscatter: Option<BackscatterFit>,
+    /// daylight
+    pub daylight: Option<DaylightFit>,
     /// recorded settings that the frames' light follows
     pub followed: Vec<FollowedSetting>,
     /// per frame and band: log of its light over that of the others, 0 but for drop-outs and what

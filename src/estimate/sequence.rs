@@ -1,5 +1,5 @@
-//! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter, the
-//! camera, then the estimators.
+//! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter and
+//! daylight, the camera, then the estimators.
 //!
 //! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual. So the
 //! log is first explained without faults of the camera; where that leaves uneven gains, faults of
@@ -8,6 +8,7 @@
 
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
+use super::daylight::DaylightFit;
 use super::methods::empirical::Regions;
 use super::mount_search::{MountFit, check_mounts, plane_tracks};
 use super::quality::identifiability::MIN_FRAMES;
@@ -15,8 +16,8 @@ use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
 use super::{
-    Dataset, FollowedSetting, ModelEstimate, Mounts, backscatter, drift, estimate, exposure,
-    frame_gains,
+    Dataset, FollowedSetting, ModelEstimate, Mounts, backscatter, daylight, drift, estimate,
+    exposure, frame_gains,
 };
 use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
 use crate::error::Result;
@@ -24,7 +25,7 @@ use crate::image::Bands;
 use crate::image::response::TransferKnown;
 use crate::model::BeamGrid;
 use crate::parallel::join;
-use crate::solver::{Track, sample_path};
+use crate::solver::{Setup, Track, sample_path};
 use crate::vehicle::Lamps;
 
 /// Times that strobe and backscatter are estimated in turn: each is more certain with the other
@@ -72,10 +73,11 @@ impl Samples {
 struct Explanation {
     /// the samples without gains and faults of the camera
     raw: Samples,
-    /// without backscatter too, where there is any
+    /// without backscatter and daylight too, where there is any
     direct: Option<Samples>,
     strobe: StrobePlacement,
     backscatter: Option<BackscatterFit>,
+    daylight: Option<DaylightFit>,
     /// α with backscatter modelled, where the settings exclude it (1/m)
     unmodelled: Option<Bands>,
     camera: Option<CameraFit>,
@@ -91,6 +93,7 @@ impl Explanation {
             camera,
             direct: None,
             backscatter: None,
+            daylight: None,
             unmodelled: None,
             mounts: None,
         }
@@ -209,11 +212,11 @@ impl Given<'_> {
         let kept = is_contradicted.then(|| StrobePlacement::kept(self.mounts.lamps));
         let mut explained = Explanation::new(raw, strobe, camera);
         let given = kept.map(|strobe| Explanation { strobe, ..explained.clone() });
-        self.separate_backscatter(&mut explained);
+        self.separate_light(&mut explained);
         let Some(mut given) = given else { return explained };
-        // Backscatter pulls the strobe away, too.
-        self.separate_backscatter(&mut given);
-        if given.backscatter.is_none() || self.cost(&given) > self.cost(&explained) {
+        // Backscatter and daylight pull the strobe away, too.
+        self.separate_light(&mut given);
+        if given.direct.is_none() || self.cost(&given) > self.cost(&explained) {
             return explained;
         }
         given
@@ -226,8 +229,8 @@ impl Given<'_> {
         cost_with(&data, &sample_path, self.config).unwrap_or(f64::INFINITY)
     }
 
-    /// Strobe and backscatter, estimated in turn.
-    fn separate_backscatter(&self, found: &mut Explanation) {
+    /// Strobe, and light that is not the strobe's alone, estimated in turn.
+    fn separate_light(&self, found: &mut Explanation) {
         let Self { mounts, config } = *self;
         let camera = found.camera.as_ref();
         let given = found.raw.data(mounts, mounts.lamps, camera);
@@ -239,17 +242,16 @@ impl Given<'_> {
             && (!mounts.strobe_is_measured || config.strobe_position != StrobePosition::Auto);
         for _ in 0..TURNS {
             let placed = Dataset { lamps: found.strobe.lamps, ..given };
-            let Some(fit) = backscatter::find(&placed, &given.setup(grid, config)) else {
-                // What was found with the strobe elsewhere does not hold where it is now.
-                (found.backscatter, found.direct) = (None, None);
-                break;
-            };
+            let (mut backscatter, daylight) = other_light(&placed, &given.setup(grid, config));
             if config.backscatter == Switch::Off {
-                found.unmodelled = Some(fit.attenuation_per_m);
+                found.unmodelled = backscatter.take().map(|fit| fit.attenuation_per_m);
+            }
+            if backscatter.is_none() && daylight.is_none() {
+                // What was found with the strobe elsewhere does not hold where it is now.
+                (found.backscatter, found.daylight, found.direct) = (None, None, None);
                 break;
             }
-            let (frames, tracks) = fit.removed_from(&placed);
-            let direct = Samples { frames, tracks };
+            let direct = direct_light(&placed, backscatter.as_ref(), daylight.as_ref());
             let before = found.strobe.lamps;
             let start = is_searched.then_some(before);
             let data = direct.data(mounts, mounts.lamps, camera);
@@ -259,7 +261,8 @@ impl Given<'_> {
                 found.strobe = next;
             }
             let moved = found.strobe.lamps.origin().vector() - before.origin().vector();
-            (found.backscatter, found.direct) = (Some(fit), Some(direct));
+            (found.backscatter, found.daylight) = (backscatter, daylight);
+            found.direct = Some(direct);
             if moved.norm() < SETTLED_M {
                 break;
             }
@@ -280,7 +283,7 @@ impl Given<'_> {
             return None;
         }
         let is_moved = distance(plain.strobe.lamps, mounts.lamps) > MOVED_M;
-        if (is_moved && mounts.strobe_is_measured) || plain.backscatter.is_some() {
+        if (is_moved && mounts.strobe_is_measured) || plain.direct.is_some() {
             let of_given = self.calibration(samples, mounts.lamps);
             best = of_given.into_iter().fold(best, |a, b| if b.cost < a.cost { b } else { a });
         }
@@ -333,6 +336,42 @@ impl Given<'_> {
     }
 }
 
+/// Backscatter and daylight: what predicts held-out frames better, and the other one beside it if it
+/// is there, too.
+fn other_light(
+    data: &Dataset<'_>,
+    setup: &Setup<'_>,
+) -> (Option<BackscatterFit>, Option<DaylightFit>) {
+    let (scattered, daylight) =
+        join(|| backscatter::find(data, setup), || daylight::find(data, setup, None));
+    match (scattered, daylight) {
+        (Some(scattered), Some(day)) if day.improvement < scattered.improvement => {
+            let beside = daylight::find(data, setup, Some(&scattered));
+            (Some(scattered), beside)
+        }
+        (_, Some(day)) => {
+            let with_day = Setup { daylight: Some(daylight::begun(&day.share)), ..*setup };
+            (backscatter::find(data, &with_day), Some(day))
+        }
+        (scattered, None) => (scattered, None),
+    }
+}
+
+/// Samples as the strobe alone would have lit the seafloor.
+fn direct_light(
+    data: &Dataset<'_>,
+    backscatter: Option<&BackscatterFit>,
+    daylight: Option<&DaylightFit>,
+) -> Samples {
+    let of = |(frames, tracks)| Samples { frames, tracks };
+    let clear = backscatter.map(|fit| of(fit.removed_from(data)));
+    let Some(daylight) = daylight else {
+        return clear.unwrap_or_else(|| of((data.frames.to_vec(), data.tracks.to_vec())));
+    };
+    let clear = clear.as_ref().map_or((data.frames, data.tracks), |c| (&c.frames, &c.tracks));
+    of(daylight.removed_from(&Dataset { frames: clear.0, tracks: clear.1, ..*data }))
+}
+
 /// Between the positions of two strobes (m).
 fn distance(a: Lamps, b: Lamps) -> f64 {
     (a.origin().vector() - b.origin().vector()).norm()
@@ -346,7 +385,7 @@ fn finish(
 ) -> Result<ModelEstimate> {
     let Given { mounts, config } = given;
     let (known, unmodelled) = (explained.mounts, explained.unmodelled);
-    let Explanation { mut raw, direct, mut strobe, backscatter, camera, .. } = explained;
+    let Explanation { mut raw, direct, mut strobe, backscatter, daylight, camera, .. } = explained;
     let can_tell = raw.data(mounts, mounts.lamps, None).is_informative(config);
     let regions = Regions::of(&raw.frames, mounts.body_from_optical);
     let direct = direct.unwrap_or_else(|| Samples {
@@ -355,7 +394,9 @@ fn finish(
     });
     let data = Dataset {
         strobe_is_free: strobe.source.is_some() || (!mounts.strobe_is_measured && can_tell),
-        backscatter: backscatter.as_ref().map(|b| (b, raw.tracks.as_slice())),
+        backscatter: backscatter.as_ref(),
+        daylight: daylight.as_ref(),
+        raw_tracks: Some(&raw.tracks),
         unmodelled_backscatter: unmodelled,
         ..direct.data(mounts, strobe.lamps, camera.as_ref())
     };
@@ -378,12 +419,24 @@ fn finish(
         fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
         fit
     });
+    let frames = match &daylight {
+        // Daylight is part of the model that corrects.
+        Some(_) => {
+            direct_light(&raw.data(mounts, strobe.lamps, None), backscatter.as_ref(), None).frames
+        }
+        None => direct.frames,
+    };
+    let daylight = daylight.map(|mut fit| {
+        fit.daylight = estimate.model.daylight.unwrap_or(fit.daylight);
+        fit
+    });
     let of_camera = |f: usize| camera.as_ref().map_or([0.0; 3], |c| c.log_gains[f]);
     let log_gain = |(f, gain): (usize, &f64)| of_camera(f).map(|of_camera| of_camera + gain);
     Ok(ModelEstimate {
         estimate,
         strobe,
         backscatter,
+        daylight,
         followed,
         log_gains: drop_outs.iter().enumerate().map(log_gain).collect(),
         drop_outs: drop_outs.iter().filter(|g| **g != 0.0).count(),
@@ -391,7 +444,7 @@ fn finish(
         reported: None,
         mounts: mount_fit,
         replaces_mounts,
-        frames: direct.frames,
+        frames,
         judgement,
     })
 }

@@ -9,8 +9,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, CameraFile, EmpiricalModel,
-    FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SHAPES, SpreadingModel, Verdict,
+    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, CameraFile, DaylightFile,
+    EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SHAPES,
+    SpreadingModel, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
@@ -244,6 +245,9 @@ pub struct ModelFile {
     /// what the water scatters back; `null` where the log shows none
     #[serde(default)]
     pub backscatter: Option<BackscatterFile>,
+    /// daylight on the seafloor; absent where the log shows none
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub daylight: Option<DaylightFile>,
     /// light by regions of the image, where it corrects held-out frames better than attenuation and
     /// beam pattern
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -395,6 +399,7 @@ impl ModelFile {
                 attenuation_per_m: bands(&b.attenuation_per_m),
                 shape: b.shape,
             }),
+            daylight: self.daylight.as_ref().map(DaylightFile::daylight),
             empirical: self.empirical.clone().map(Arc::new),
         })
     }

@@ -80,6 +80,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
             .filter(|_| found.replaces_mounts)
             .map(|m| replaced(m, rig, first.survey.camera_offset_s)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
+        daylight: found.daylight.as_ref().map(|d| d.file(bands)),
         camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
         frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
         empirical: empirical.map(|fit| fit.model.clone()),
@@ -120,6 +121,10 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
     }
     if options.config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
         diagnostics.push(EstimateFact::BackscatterUnknown.into());
+    }
+    if let Some(daylight) = &found.daylight {
+        let share = daylight.share.into_iter().fold(0.0, f64::max);
+        diagnostics.push(EstimateFact::DaylightFound { share }.into());
     }
     if let Some(mounts) = &found.mounts {
         let Survey { rig, camera_topic, camera_offset_s: offset_s, .. } = &first.survey;
@@ -335,6 +340,7 @@ fn file_of(
         camera: None,
         geometry: None,
         backscatter: None,
+        daylight: None,
         empirical: None,
         verdict: None,
         frame_gains: Vec::new(),

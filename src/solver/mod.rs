@@ -2,13 +2,13 @@
 //! (Eq. 15).
 //!
 //! ```text
-//! y_o = ρ_t + Σ_n w_n B_n − α_Λ(t) ℓ_o [− p log ℓ_a] [+ δb_Λ S_o / D_o]
+//! y_o = ρ_t + Σ_n w_n B_n − α_Λ(t) ℓ_o [− p log ℓ_a] [+ δb_Λ S_o / D_o] [+ (1 − s_o) δ log d_Λ]
 //! y = log D − spreading − log cos γ
 //! ```
 //!
 //! Each group of unknowns is a term ([`terms`]): α per band (at nodes in time where it changes), B
-//! on bilinear nodes shared by the bands, optionally the spreading exponent p and backscatter, what
-//! the camera did to the light ([`camera`]), and to first order the geometry (strobe position,
+//! on bilinear nodes shared by the bands, optionally the spreading exponent p, backscatter and
+//! daylight, what the camera did to the light ([`camera`]), and to first order the geometry (strobe position,
 //! clock, mount). The log reflectance ρ per track and
 //! band is eliminated in closed form (`normal`). Weights are robust (`reweight`), standard
 //! deviations come from a jackknife over segments of the log (`covariance`); a few numbers of the
@@ -40,6 +40,7 @@ pub use problem::{Fit, ParameterStep, Problem, Solution};
 pub use row::Row;
 
 use crate::config::EstimateConfig;
+use crate::image::Bands;
 use crate::model::{Backscatter, BeamGrid, ScatterIntegral, SpreadingModel};
 use crate::vehicle::Lamps;
 use camera::CameraUnknowns;
@@ -67,6 +68,8 @@ pub struct Setup<'s> {
     pub free_strobe: bool,
     /// backscatter to begin with and S_Λ of an observation, where backscatter is an unknown
     pub scatter: Option<(&'s Backscatter, &'s ScatterOf<'s>)>,
+    /// daylight's share of the light to begin with, where daylight is an unknown
+    pub daylight: Option<Bands>,
     /// what of the camera is unknown
     pub camera: Option<CameraUnknowns<'s>>,
     /// nodes of α in time, where it changes
@@ -93,6 +96,7 @@ impl<'s> Setup<'s> {
             fit_exponent: false,
             free_strobe: false,
             scatter: None,
+            daylight: None,
             camera: None,
             segments: None,
             rounds: config.rounds,

@@ -96,6 +96,7 @@ mod tests {
             incidence: true,
             beam_pattern: BeamPattern::uniform(BeamGrid::new(9, 60.0)),
             backscatter: None,
+            daylight: None,
             empirical: None,
         };
         Candidate {
