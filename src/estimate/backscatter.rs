@@ -17,7 +17,10 @@ use super::quality::cross_validation;
 use super::samples::FrameSamples;
 use crate::config::Switch;
 use crate::image::Bands;
-use crate::model::{Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterTable};
+use crate::model::{
+    Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterSource, ScatterTable,
+};
+use crate::parallel::join;
 use crate::solver::{
     Fit, JointAnswer, MIN_DIRECT_SHARE, Observation, Problem, Sample, Setup, Track, sample_path,
 };
@@ -34,6 +37,9 @@ const FIRST_STEPS: usize = 2;
 const MIN_DEVIATIONS: f64 = 4.0;
 /// … and held-out frames to be foretold better by this.
 const MIN_IMPROVEMENT: f64 = 0.02;
+
+/// An even field is believed where it predicts held-out frames better by this.
+const BETTER_UNIFORM: f64 = 0.01;
 
 /// What was found.
 #[derive(Clone, Debug)]
@@ -107,8 +113,21 @@ fn exceeds(answer: &JointAnswer, deviations: f64) -> bool {
     })
 }
 
-/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it).
+/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it). Of the strobe's
+/// light, unless an even field predicts held-out frames better.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
+    let of = |source| move || find_of(data, setup, source);
+    let (strobe, uniform) = join(of(ScatterSource::Strobe), of(ScatterSource::Uniform));
+    match (strobe, uniform) {
+        (Some(strobe), Some(uniform)) => {
+            let is_better = uniform.improvement > strobe.improvement + BETTER_UNIFORM;
+            Some(if is_better { uniform } else { strobe })
+        }
+        (strobe, uniform) => strobe.or(uniform),
+    }
+}
+
+fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Option<BackscatterFit> {
     let plain = Setup { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setup };
     let mut problem = Problem::new(data.tracks, &plain, data.lamps, &sample_path)?;
     let solution = problem.solve(plain.rounds)?;
@@ -121,14 +140,15 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
     let frustum = Frustum::around(rays);
     for step in 0..STEPS {
         let attenuation_per_m = fit.attenuation_per_m.map(|a| a.max(0.0));
-        let before = Backscatter { attenuation_per_m, ..fit.backscatter };
-        let table = ScatterTable::new(
-            &fit.beam,
-            data.body_from_optical,
-            &data.lamps,
-            &attenuation_per_m,
-            frustum,
-        );
+        let before = Backscatter { source, attenuation_per_m, ..fit.backscatter };
+        let of_strobe = || {
+            let (mount, lamps) = (data.body_from_optical, &data.lamps);
+            ScatterTable::of_strobe(&fit.beam, mount, lamps, &attenuation_per_m, frustum)
+        };
+        let table = match source {
+            ScatterSource::Strobe => of_strobe(),
+            ScatterSource::Uniform => ScatterTable::Uniform { attenuation_per_m },
+        };
         let scatter = |o: &Observation| {
             let (x, y, s) = data.ray(&o.sample);
             table.at(x, y, s)

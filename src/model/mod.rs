@@ -27,7 +27,9 @@ mod light_setting;
 pub mod limited;
 mod verdict;
 
-pub use backscatter::{Backscatter, Frustum, SHAPES, ScatterIntegral, ScatterTable};
+pub use backscatter::{
+    Backscatter, BackscatterFile, Frustum, SHAPES, ScatterIntegral, ScatterSource, ScatterTable,
+};
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use camera_file::{
     CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, VignettingFile,
@@ -36,8 +38,8 @@ pub use daylight::{Daylight, DaylightFile};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use empirical::{EmpiricalForm, EmpiricalModel};
 pub use file::{
-    AttenuationKind, BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, ImageAnswer,
-    InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
+    AttenuationKind, BeamPatternFile, EstimatorAnswer, FORMAT, ImageAnswer, InputFile, LampFile,
+    ModelFile, MountCheckFile, RenderingFile, StrobeFile,
 };
 pub use frame_gain::FrameGainFile;
 pub use light_setting::{LightLaw, LightSettingFile};

@@ -206,6 +206,7 @@ fn response_file(curve: &ReadingCurve, assumed: Option<&ResponseTable>) -> Respo
 fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
     let of = |values: &Bands| values[..bands].to_vec();
     BackscatterFile {
+        source: found.backscatter.source,
         strength_per_m: of(&found.backscatter.strength_per_m),
         strength_std_per_m: of(&found.std_per_m),
         attenuation_per_m: of(&found.backscatter.attenuation_per_m),

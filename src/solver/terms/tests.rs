@@ -147,7 +147,7 @@ fn backscatter_is_added_to_the_direct_light() {
     let frustum = Frustum { x: (-0.5, 0.5), y: (-0.5, 0.5), farthest_m: 3.0 };
     let optical = Transform::identity();
     let table =
-        ScatterTable::new(&model.beam_pattern, optical, &lamps, &[0.45, 0.14, 0.1], frustum);
+        ScatterTable::of_strobe(&model.beam_pattern, optical, &lamps, &[0.45, 0.14, 0.1], frustum);
     let scatter = |_: &Observation| -> ScatterIntegral { table.at(0.1, -0.1, 2.1) };
     let state = Backscatter { strength_per_m: [0.002, 0.004, 0.006], ..Backscatter::NONE };
     let setup = Setup { scatter: Some((&state, &scatter as &ScatterOf<'_>)), ..setup(&config) };
