@@ -23,7 +23,7 @@ use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
 use crate::error::Result;
 use crate::image::Bands;
 use crate::image::response::TransferKnown;
-use crate::model::BeamGrid;
+use crate::model::{BeamGrid, ScatterSource};
 use crate::parallel::join;
 use crate::solver::{Setup, Track, sample_path};
 use crate::vehicle::Lamps;
@@ -279,7 +279,10 @@ impl Given<'_> {
         let direct = plain.direct.as_ref().unwrap_or(&plain.raw);
         let mut best = self.calibration(direct, plain.strobe.lamps)?;
         let least = best.cost_without;
-        if best.camera.is_none() && best.is_quiet {
+        // What is added to the light evenly may be added by the camera.
+        let is_even = |fit: &BackscatterFit| fit.backscatter.source == ScatterSource::Uniform;
+        let is_even = plain.backscatter.as_ref().is_some_and(is_even);
+        if best.camera.is_none() && best.is_quiet && !is_even {
             return None;
         }
         let is_moved = distance(plain.strobe.lamps, mounts.lamps) > MOVED_M;
@@ -295,7 +298,9 @@ impl Given<'_> {
         // A fitted curve stays unknown in the solve; uneven gains are part of any explanation.
         let is_fitted = mounts.camera.transfer == TransferKnown::Fitted;
         let is_uneven = best.camera.as_ref()?.found.gains;
-        if best.cost > least - LEAST_DECREASE && !is_fitted && !is_uneven {
+        let is_rival = is_even && best.camera.as_ref()?.found.black_level;
+        let decrease = if is_rival { 0.0 } else { LEAST_DECREASE };
+        if best.cost > least - decrease && !is_fitted && !is_uneven {
             return None;
         }
         let explained = self.explained(samples.clone(), best.camera.clone());
