@@ -40,6 +40,8 @@ const MIN_IMPROVEMENT: f64 = 0.02;
 
 /// An even field is believed where it predicts held-out frames better by this.
 const BETTER_UNIFORM: f64 = 0.01;
+/// … and at all, by this: it has no shape of its own that few frames could not have by chance.
+const MIN_UNIFORM_IMPROVEMENT: f64 = 0.05;
 
 /// What was found.
 #[derive(Clone, Debug)]
@@ -224,7 +226,11 @@ fn accepted(
     let is_there = match setup.config.backscatter {
         Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),
         Switch::Auto | Switch::Off => {
-            exceeds(answer, MIN_DEVIATIONS) && improvement > MIN_IMPROVEMENT
+            let least = match backscatter.source {
+                ScatterSource::Strobe => MIN_IMPROVEMENT,
+                ScatterSource::Uniform => MIN_UNIFORM_IMPROVEMENT,
+            };
+            exceeds(answer, MIN_DEVIATIONS) && improvement > least
         }
     };
     is_there.then_some(fit)

@@ -26,7 +26,7 @@ const FIRST_SHARE: f64 = 0.1;
 /// Without a residual that is this much smaller the rest is not gone into.
 const MAX_RESIDUAL: f64 = 0.98;
 /// Held-out frames are predicted better by at least this.
-const MIN_IMPROVEMENT: f64 = 0.03;
+const MIN_IMPROVEMENT: f64 = 0.05;
 /// Less than this share of the light, in every band, is none.
 const MIN_SHARE: f64 = 0.02;
 /// Standard deviation of log d that is no measurement any more.
