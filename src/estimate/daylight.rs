@@ -13,16 +13,19 @@ use crate::config::Switch;
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{Daylight, DaylightFile, ImagingModel, Removal};
+use crate::parallel::par_map;
 use crate::solver::{
-    MIN_DIRECT_SHARE, Observation, Problem, Sample, ScatterOf, Setup, Track, sample_path, thinned,
+    Observation, Problem, Sample, ScatterOf, Setup, Solution, Track, sample_path, thinned,
 };
 use crate::stats;
 use crate::vehicle::Lamps;
 
 /// Observations that decide whether there is daylight.
 const MAX_OBSERVATIONS: usize = 12_000;
-/// Daylight's share of the light, to begin with.
+/// Daylight's share of the light, to begin with; and where light without it gains from distance, as
+/// it does where there is hardly anything but daylight.
 const FIRST_SHARE: f64 = 0.1;
+const MOST_SHARE: f64 = 0.95;
 /// Without a residual that is this much smaller the rest is not gone into.
 const MAX_RESIDUAL: f64 = 0.98;
 /// Held-out frames are predicted better by at least this.
@@ -32,7 +35,7 @@ const MIN_SHARE: f64 = 0.02;
 /// Standard deviation of log d that is no measurement any more.
 const MAX_LOG_STD: f64 = 0.35;
 /// Medians of daylight's share, as the solve begins with them.
-const SHARES: (f64, f64) = (0.002, 0.9);
+const SHARES: (f64, f64) = (0.002, 0.98);
 
 /// Daylight that was found.
 #[derive(Clone, Debug)]
@@ -56,18 +59,16 @@ impl DaylightFit {
         Some(log_lamp_share(&self.model, &sample.path(self.lamps)?))
     }
 
-    /// Frames and tracks as the strobe alone would have lit them. Observations of hardly any light of
-    /// the strobe are left out.
+    /// Frames and tracks as the strobe alone would have lit them. A factor leaves relative errors as
+    /// they are, so all stay.
     pub fn removed_from(&self, data: &Dataset<'_>) -> (Vec<FrameSamples>, Vec<Track>) {
         let bands = data.bands();
         let lit = |sample: &Sample| {
-            let shares = self.log_lamp_share(sample)?;
-            let mut sample = *sample;
+            let (shares, mut sample) = (self.log_lamp_share(sample)?, *sample);
             for (color, share) in sample.log_color.iter_mut().zip(&shares[..bands]) {
                 *color += *share as f32;
             }
-            let is_measured = shares[..bands].iter().all(|s| *s > MIN_DIRECT_SHARE.ln());
-            is_measured.then_some(sample)
+            Some(sample)
         };
         let of_frame = |frame: &FrameSamples| {
             let cells = frame.grid.iter();
@@ -116,12 +117,18 @@ pub fn find(
     };
     let scatter = backscatter.map(|fit| (&fit.backscatter, &scatter_of as &ScatterOf<'_>));
     let without = Setup { scatter, free_strobe: false, ..*setup };
-    let plain = Problem::new(&tracks, &without, data.lamps, &sample_path)?.solve(setup.rounds)?;
-    let first = Setup { daylight: Some([FIRST_SHARE; 3]), ..without };
-    let mut problem = Problem::new(&tracks, &first, data.lamps, &sample_path)?;
-    let solution = problem.solve(setup.rounds)?;
+    let (plain, solution) = solved(&tracks, &without, data.lamps)?;
+    let (attenuation_per_m, residual) = (plain.fit(&solution).attenuation_per_m, solution.residual);
+    let is_gaining = attenuation_per_m[..setup.bands].iter().any(|a| *a < 0.0);
+    let shares = [FIRST_SHARE, MOST_SHARE];
+    let begins = par_map(shares[..1 + usize::from(is_gaining)].to_vec(), |share| {
+        solved(&tracks, &Setup { daylight: Some([share; 3]), ..without }, data.lamps)
+    });
+    let residual_of = |(_, solution): &(Problem<'_>, Solution)| solution.residual;
+    let (problem, solution) =
+        begins.into_iter().flatten().min_by(|a, b| residual_of(a).total_cmp(&residual_of(b)))?;
     let is_asked = setup.config.daylight == Switch::On;
-    if solution.residual > MAX_RESIDUAL * plain.residual && !is_asked {
+    if solution.residual > MAX_RESIDUAL * residual && !is_asked {
         return None;
     }
     let daylight = problem.fit(&solution).daylight?;
@@ -142,6 +149,16 @@ pub fn find(
         model,
         lamps: data.lamps,
     })
+}
+
+fn solved<'s>(
+    tracks: &[Track],
+    setup: &Setup<'s>,
+    lamps: Lamps,
+) -> Option<(Problem<'s>, Solution)> {
+    let mut problem = Problem::new(tracks, setup, lamps, &sample_path)?;
+    let solution = problem.solve(setup.rounds)?;
+    Some((problem, solution))
 }
 
 /// Median shares within what a solve can begin with.
