@@ -164,7 +164,7 @@ fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Opti
         let predicted = || held_out_by(&Setup { scatter: Some((&now, &scatter)), ..plain });
         if step + 1 == FIRST_STEPS && setup.config.backscatter != Switch::On {
             // The held-out frames come last: they cost a solve.
-            let is_likely = exceeds(&problem.answer(&solution, None)?, MIN_DEVIATIONS / 2.0)
+            let is_likely = exceeds(&problem.answer(&solution, &[])?, MIN_DEVIATIONS / 2.0)
                 && cross_validation::improvement(without.as_ref()?, &predicted()?)
                     > MIN_IMPROVEMENT / 2.0;
             if !is_likely {
@@ -176,7 +176,7 @@ fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Opti
             (now - before).abs() <= SETTLED * now
         });
         if is_settled || step + 1 == STEPS {
-            let answer = problem.answer(&solution, None)?;
+            let answer = problem.answer(&solution, &[])?;
             let improvement = cross_validation::improvement(without.as_ref()?, &predicted()?);
             return accepted(data, setup, &answer, improvement, table);
         }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Vector3;
+
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
 use super::daylight::DaylightFit;
@@ -32,6 +34,9 @@ pub struct Dataset<'s> {
     pub lamps: Lamps,
     /// whether the strobe's position is not measured: estimated from these samples, or a guess
     pub strobe_is_free: bool,
+    /// position of the range instrument (m) and standard deviations of the tilts (rad), where planes
+    /// are assumed level: those of `FreeTilts`
+    pub tilts: Option<(Vector3<f64>, [f64; 2])>,
     /// backscatter that has been removed from the samples
     pub backscatter: Option<&'s BackscatterFit>,
     /// daylight that has been removed from the samples
@@ -60,6 +65,7 @@ impl<'s> Dataset<'s> {
             body_from_optical,
             lamps,
             strobe_is_free: false,
+            tilts: None,
             backscatter: None,
             daylight: None,
             raw_tracks: None,
@@ -161,10 +167,12 @@ impl FrameSamples {
     /// Frame number `frame`, one every 3 s, of three bands and without samples.
     pub fn of_level_seafloor(frame: usize, camera_altitude_m: f64) -> Self {
         let normal = crate::coordinates::Direction::from_vector(nalgebra::Vector3::z());
+        let normal = normal.expect("a direction");
         Self {
             frame,
             stamp: crate::units::Stamp(3_000_000_000 * frame as i64),
-            normal: normal.expect("a direction"),
+            normal,
+            level_normal: normal,
             camera_altitude_m,
             bands: 3,
             keypoints: Vec::new(),

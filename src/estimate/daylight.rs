@@ -132,7 +132,7 @@ pub fn find(
         return None;
     }
     let daylight = problem.fit(&solution).daylight?;
-    let log_std = problem.answer(&solution, None)?.log_daylight?.1;
+    let log_std = problem.answer(&solution, &[])?.log_daylight?.1;
     let model = problem.imaging_model(&solution);
     let share = median_shares(&model, &tracks, data);
     let with = Setup { daylight: Some(begun(&share)), ..without };

@@ -20,11 +20,13 @@ mod keypoints;
 mod matching;
 mod methods;
 mod mount_search;
+mod other_light;
 mod quality;
 mod samples;
 mod self_calibration;
 mod sequence;
 mod strobe_search;
+mod tilt_search;
 mod tracks;
 mod verdict;
 
@@ -47,6 +49,7 @@ pub use samples::{FrameSamples, coarsest_m, sample_frame};
 pub use self_calibration::CameraKnown;
 pub use sequence::estimate_model;
 pub use strobe_search::{StrobeFit, StrobePlacement};
+pub use tilt_search::TiltFit;
 pub use tracks::tracks;
 pub use verdict::Judgement;
 
@@ -171,6 +174,8 @@ pub struct ModelEstimate {
     pub camera: Option<CameraFit>,
     /// what was found and is not, as the settings ask
     pub reported: Option<CameraFit>,
+    /// tilts of planes that were assumed level
+    pub tilts: Option<TiltFit>,
     /// clock and mount of the range instrument that fit better than those given
     pub mounts: Option<MountFit>,
     /// whether they explain the log so much better that they are to be used

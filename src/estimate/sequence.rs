@@ -11,13 +11,15 @@ use super::camera_fit::CameraFit;
 use super::daylight::DaylightFit;
 use super::methods::empirical::Regions;
 use super::mount_search::{MountFit, check_mounts, plane_tracks};
+use super::other_light::{direct_light, other_light};
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
+use super::tilt_search::TiltFit;
 use super::{
-    Dataset, FollowedSetting, ModelEstimate, Mounts, backscatter, daylight, drift, estimate,
-    exposure, frame_gains,
+    Dataset, FollowedSetting, ModelEstimate, Mounts, drift, estimate, exposure, frame_gains,
+    tilt_search,
 };
 use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
 use crate::error::Result;
@@ -25,7 +27,7 @@ use crate::image::Bands;
 use crate::image::response::TransferKnown;
 use crate::model::{BeamGrid, ScatterSource};
 use crate::parallel::join;
-use crate::solver::{Setup, Track, sample_path};
+use crate::solver::{Track, sample_path};
 use crate::vehicle::Lamps;
 
 /// Times that strobe and backscatter are estimated in turn: each is more certain with the other
@@ -120,9 +122,15 @@ pub fn estimate_model(
     config: &EstimateConfig,
 ) -> Result<ModelEstimate> {
     let given = Given { mounts, config };
-    let raw = Samples { frames, tracks };
+    let mut raw = Samples { frames, tracks };
     let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
+    let tilts = given.tilts(&raw, &followed, settings);
+    if let Some(tilts) = &tilts {
+        let (frames, tracks) = tilts.applied_to(&raw.frames, &raw.tracks, mounts);
+        raw = Samples { frames, tracks };
+        (samples, log_gains) = given.followed(&raw, &followed, settings);
+    }
     let mut explained = given.explained(samples.clone(), None);
     let (mut reported, mut plain) = (None, None);
     if config.self_calibration != SelfCalibration::Off && config.estimator.may_be_joint() {
@@ -163,7 +171,7 @@ pub fn estimate_model(
         },
         None => estimate,
     };
-    Ok(ModelEstimate { reported, ..estimate })
+    Ok(ModelEstimate { reported, tilts, ..estimate })
 }
 
 /// The estimate whose judgement is better, the second if they are equal.
@@ -195,6 +203,23 @@ impl Given<'_> {
             samples.remove_gains(&uniform(&log_gains));
         }
         (samples, log_gains)
+    }
+
+    /// Tilts of planes that are assumed level.
+    fn tilts(
+        &self,
+        raw: &Samples,
+        followed: &[FollowedSetting],
+        settings: &[Vec<f64>],
+    ) -> Option<TiltFit> {
+        let Self { mounts, config } = *self;
+        if config.self_calibration == SelfCalibration::Off || !config.estimator.may_be_joint() {
+            return None;
+        }
+        let mut samples = raw.clone();
+        samples.follow(followed, settings);
+        let strobe = self.placed(&samples, None);
+        tilt_search::find(&samples.data(mounts, strobe.lamps, None), mounts, config)
     }
 
     fn placed(&self, samples: &Samples, camera: Option<&CameraFit>) -> StrobePlacement {
@@ -251,7 +276,8 @@ impl Given<'_> {
                 (found.backscatter, found.daylight, found.direct) = (None, None, None);
                 break;
             }
-            let direct = direct_light(&placed, backscatter.as_ref(), daylight.as_ref());
+            let (frames, tracks) = direct_light(&placed, backscatter.as_ref(), daylight.as_ref());
+            let direct = Samples { frames, tracks };
             let before = found.strobe.lamps;
             let start = is_searched.then_some(before);
             let data = direct.data(mounts, mounts.lamps, camera);
@@ -341,42 +367,6 @@ impl Given<'_> {
     }
 }
 
-/// Backscatter and daylight: what predicts held-out frames better, and the other one beside it if it
-/// is there, too.
-fn other_light(
-    data: &Dataset<'_>,
-    setup: &Setup<'_>,
-) -> (Option<BackscatterFit>, Option<DaylightFit>) {
-    let (scattered, daylight) =
-        join(|| backscatter::find(data, setup), || daylight::find(data, setup, None));
-    match (scattered, daylight) {
-        (Some(scattered), Some(day)) if day.improvement < scattered.improvement => {
-            let beside = daylight::find(data, setup, Some(&scattered));
-            (Some(scattered), beside)
-        }
-        (_, Some(day)) => {
-            let with_day = Setup { daylight: Some(daylight::begun(&day.share)), ..*setup };
-            (backscatter::find(data, &with_day), Some(day))
-        }
-        (scattered, None) => (scattered, None),
-    }
-}
-
-/// Samples as the strobe alone would have lit the seafloor.
-fn direct_light(
-    data: &Dataset<'_>,
-    backscatter: Option<&BackscatterFit>,
-    daylight: Option<&DaylightFit>,
-) -> Samples {
-    let of = |(frames, tracks)| Samples { frames, tracks };
-    let clear = backscatter.map(|fit| of(fit.removed_from(data)));
-    let Some(daylight) = daylight else {
-        return clear.unwrap_or_else(|| of((data.frames.to_vec(), data.tracks.to_vec())));
-    };
-    let clear = clear.as_ref().map_or((data.frames, data.tracks), |c| (&c.frames, &c.tracks));
-    of(daylight.removed_from(&Dataset { frames: clear.0, tracks: clear.1, ..*data }))
-}
-
 /// Between the positions of two strobes (m).
 fn distance(a: Lamps, b: Lamps) -> f64 {
     (a.origin().vector() - b.origin().vector()).norm()
@@ -402,6 +392,7 @@ fn finish(
         backscatter: backscatter.as_ref(),
         daylight: daylight.as_ref(),
         raw_tracks: Some(&raw.tracks),
+        tilts: tilt_search::stds(&direct.frames).map(|stds| (mounts.instrument, stds)),
         unmodelled_backscatter: unmodelled,
         ..direct.data(mounts, strobe.lamps, camera.as_ref())
     };
@@ -427,7 +418,7 @@ fn finish(
     let frames = match &daylight {
         // Daylight is part of the model that corrects.
         Some(_) => {
-            direct_light(&raw.data(mounts, strobe.lamps, None), backscatter.as_ref(), None).frames
+            direct_light(&raw.data(mounts, strobe.lamps, None), backscatter.as_ref(), None).0
         }
         None => direct.frames,
     };
@@ -447,6 +438,7 @@ fn finish(
         drop_outs: drop_outs.iter().filter(|g| **g != 0.0).count(),
         camera,
         reported: None,
+        tilts: None,
         mounts: mount_fit,
         replaces_mounts,
         frames,

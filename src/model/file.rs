@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     AttenuationOverTime, BackscatterFile, BeamGrid, BeamPattern, CameraFile, DaylightFile,
     EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SpreadingModel,
-    Verdict,
+    TiltsFile, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
@@ -223,6 +223,9 @@ pub struct ModelFile {
     /// clock and mount that are used instead of those given
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub geometry: Option<GeometryFile>,
+    /// tilts of planes that were assumed level
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilts: Option<TiltsFile>,
     /// what the water scatters back; `null` where the log shows none
     #[serde(default)]
     pub backscatter: Option<BackscatterFile>,

@@ -32,7 +32,8 @@ pub use backscatter::{
 };
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use camera_file::{
-    CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, VignettingFile,
+    CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, TiltFile, TiltsFile,
+    VignettingFile,
 };
 pub use daylight::{Daylight, DaylightFile};
 pub use drift::{AttenuationOverTime, TimeNode};

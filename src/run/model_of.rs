@@ -2,7 +2,7 @@
 
 use super::mount_check::{mount_check, mount_diagnostics, replaced, replaced_diagnostics};
 use super::pass_one::Collected;
-use super::pooled::{Pooled, frame_gains};
+use super::pooled::{Pooled, frame_gains, tilts_file};
 use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::{estimate_rendering, rendering_of};
@@ -79,6 +79,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
             .as_ref()
             .filter(|_| found.replaces_mounts)
             .map(|m| replaced(m, rig, first.survey.camera_offset_s)),
+        tilts: found.tilts.as_ref().map(|t| tilts_file(t, &origins, frames)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
         daylight: found.daylight.as_ref().map(|d| d.file(bands)),
         camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
@@ -340,6 +341,7 @@ fn file_of(
         mount_check: None,
         camera: None,
         geometry: None,
+        tilts: None,
         backscatter: None,
         daylight: None,
         empirical: None,

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::covariance::covariance;
 use super::equation::Equation;
-use super::terms::geometry::Geometry;
+use super::terms::Term;
 use super::{Problem, Solution};
 use crate::image::Bands;
 use crate::model::Backscatter;
@@ -70,10 +70,10 @@ impl Estimated<'_> {
 }
 
 impl Problem<'_> {
-    /// The solution with standard deviations; `also_free` are parameters whose uncertainty counts.
-    pub fn answer(&self, solution: &Solution, also_free: Option<&Geometry>) -> Option<JointAnswer> {
+    /// The solution with standard deviations; `also_free` are terms whose uncertainty counts.
+    pub fn answer(&self, solution: &Solution, also_free: &[&dyn Term]) -> Option<JointAnswer> {
         let mut list = self.terms.list();
-        also_free.into_iter().for_each(|geometry| list.add(geometry));
+        also_free.iter().for_each(|term| list.add(*term));
         let first = self.terms.first_attenuation();
         let covariance = covariance(&self.system(&list), self.setup.independence, first)?;
         let estimated = Estimated { values: solution.values.as_slice(), covariance, first };

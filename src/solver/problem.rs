@@ -10,6 +10,7 @@ use super::reweight::reweight;
 use super::row::Row;
 use super::terms::daylight::Daylight as DaylightTerm;
 use super::terms::geometry::{Geometry, Parameter};
+use super::terms::tilt::{AXES, Tilt};
 use super::terms::{CameraSolution, Term, TermList, Terms};
 use super::{Observation, PathFor, Setup, Track};
 use crate::geometry::LightPath;
@@ -25,6 +26,8 @@ const DARKEST: f64 = 0.02;
 const MIN_TRACKS: usize = 30;
 const MIN_OBSERVATIONS_PER_UNKNOWN: usize = 2;
 const MAX_COUNTED_UNKNOWNS: usize = 100;
+/// Regions of a frame whose errors are independent.
+const INDEPENDENT_REGIONS: f64 = 20.0;
 
 /// The linear problem of one strobe mount.
 pub struct Problem<'s> {
@@ -298,6 +301,41 @@ impl<'s> Problem<'s> {
             step: (0..parameters.len()).map(|k| values[first + k]).collect(),
             std: (0..parameters.len()).map(|k| covariance[(k, k)].sqrt()).collect(),
         })
+    }
+
+    /// Tilts of the frames as one more term; see `tilt_steps`.
+    pub fn tilt_term<'t>(
+        &self,
+        solution: &Solution,
+        (derivatives, state, stds): (&'t Geometry, &'t [[f64; AXES]], [f64; 2]),
+    ) -> Tilt<'t> {
+        let frames = self.setup.independence.frames;
+        // Errors are common to regions of a frame: so many of its observations are one.
+        let together = self.equations.len() as f64 / (INDEPENDENT_REGIONS * frames as f64);
+        let hold_weights = stds.map(|std| (solution.residual / std).powi(2) * together.max(1.0));
+        Tilt { frames, derivatives, state, hold_weights }
+    }
+
+    /// Steps of the tilts about the camera's x and y axes (rad) that lower the residuals most, to
+    /// first order, with everything else free: of the tilt that all planes share, then of each frame's
+    /// own. `parameters` tilt an observation's own frame; `stds` are standard deviations of the shared
+    /// tilt and of the frames' own, `state` the tilts in hand (rad).
+    pub fn tilt_steps(
+        &self,
+        tracks: &[Track],
+        parameters: &[Parameter<'_>],
+        solution: &Solution,
+        (state, stds): (&[[f64; AXES]], [f64; 2]),
+    ) -> Option<Vec<[f64; AXES]>> {
+        let derivatives = &self.differentiate(tracks, parameters, solution);
+        let tilt = self.tilt_term(solution, (derivatives, state, stds));
+        let mut list = self.terms.list();
+        let first = list.unknowns();
+        list.add(&tilt);
+        let (normal, right) = self.system(&list).normal_equations(list.prior());
+        let values = normal.cholesky()?.solve(&right);
+        let steps = values.as_slice()[first..first + tilt.columns()].chunks_exact(AXES);
+        Some(steps.map(|step| std::array::from_fn(|axis| step[axis])).collect())
     }
 
     /// Log reflectance by one observation's own light, and its share of direct light: the

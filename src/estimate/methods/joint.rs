@@ -1,8 +1,11 @@
 //! The joint solve as an estimator: all terms, with the error budget.
 
+use nalgebra::Vector3;
+
 use super::{Candidate, enough_tracks};
 use crate::config::{EstimateConfig, Spreading};
 use crate::diagnostics::NoAnswer;
+use crate::estimate::mount_search::plane_tracks;
 use crate::estimate::quality::error_budget::{FEW_ROUNDS, common_errors, freedom_inflation};
 use crate::estimate::{Dataset, angular_bins, daylight};
 use crate::image::Bands;
@@ -10,9 +13,13 @@ use crate::model::{
     AttenuationOverTime, BeamGrid, Daylight, ImagingModel, ScatterIntegral, SpreadingModel,
     TimeNode,
 };
-use crate::solver::{JointAnswer, Observation, ScatterOf, Setup, Track, sample_path, solve};
+use crate::solver::terms::geometry::ShiftedPlanes;
+use crate::solver::{
+    FreeTilts, JointAnswer, Observation, ScatterOf, Setup, Track, sample_path, solve,
+};
 use crate::stats;
 use crate::units::Stamp;
+use crate::vehicle::Lamps;
 
 /// Attenuation, beam pattern and reflectances in one robust solve.
 ///
@@ -27,8 +34,15 @@ pub fn estimate(
     let scatter_of = |o: &Observation| {
         data.backscatter.map_or(ScatterIntegral::default(), |fit| fit.scatter(data, &o.sample))
     };
+    let planes = plane_tracks(data.frames);
+    let tilted = |o: &Observation, tilt: [f64; 2], lamps: Lamps| {
+        let (body_from_optical, (instrument, _)) = (data.body_from_optical, data.tilts?);
+        let by = Vector3::new(0.0, tilt[0], tilt[1]);
+        ShiftedPlanes { planes: &planes, body_from_optical, instrument, by }.path(o, lamps)
+    };
     let tracks = data.raw_tracks();
     let setup = Setup {
+        tilts: data.tilts.map(|(_, stds)| FreeTilts { path: &tilted, stds }),
         scatter: data.backscatter.map(|fit| (&fit.backscatter, &scatter_of as &ScatterOf<'_>)),
         daylight: data.daylight.map(|fit| daylight::begun(&fit.share)),
         segments: data.drift.map(|d| &d.grid),

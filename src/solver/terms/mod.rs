@@ -16,6 +16,7 @@ pub mod geometry;
 mod response;
 #[cfg(test)]
 mod tests;
+pub mod tilt;
 mod vignetting;
 
 use nalgebra::{DMatrix, DVector};

@@ -1,0 +1,172 @@
+//! Tilts of frames whose seafloor is assumed level, where the vehicle has no attitude sensor, or the
+//! seafloor a slope.
+//!
+//! A tilted plane makes one side of the image farther than it is taken to be, and, as the range
+//! instrument sits beside the camera, the whole of it. Points that overlapping frames share show it:
+//! two numbers per frame, found by Gauss-Newton steps of the joint solve. In: samples over level
+//! planes. Out: the tilts, and the samples over the tilted planes.
+
+use nalgebra::Vector3;
+
+use super::Mounts;
+use super::mount_search::plane_tracks;
+use super::quality::identifiability::MIN_FRAMES;
+use super::samples::FrameSamples;
+use super::{Dataset, self_calibration};
+use crate::config::EstimateConfig;
+use crate::coordinates::{Body, Direction};
+use crate::model::BeamGrid;
+use crate::solver::terms::geometry::{PlaneTrack, ShiftedPlanes};
+use crate::solver::{FreeTilts, Observation, Problem, Sample, Setup, Track, sample_path, thinned};
+
+/// Observations that determine the tilts.
+const MAX_OBSERVATIONS: usize = 24_000;
+/// More frames than this make too large a solve.
+const MAX_FRAMES: usize = 400;
+/// Gauss-Newton steps, and the mean one after which the tilts are final (rad).
+const STEPS: usize = 5;
+const SETTLED_RAD: f64 = 2e-4;
+/// Reweightings of each solve.
+const ROUNDS: usize = 6;
+/// Standard deviations of the tilt that all frames share, and of each frame's own: without and with
+/// an attitude sensor (rad).
+const WITHOUT_ATTITUDE: [f64; 2] = [0.02, 0.05];
+const WITH_ATTITUDE: [f64; 2] = [0.03, 0.005];
+/// The cost decreases by at least this.
+const LEAST_DECREASE: f64 = 0.02;
+
+/// Standard deviations of the tilt that all planes share, and of each frame's own (rad); `None` where
+/// planes are measured.
+pub fn stds(frames: &[FrameSamples]) -> Option<[f64; 2]> {
+    if frames.iter().any(|f| !f.is_level_assumed) {
+        return None;
+    }
+    let Some(first) = frames.first().map(|f| f.level_normal.vector()) else { return None };
+    let is_same = |f: &FrameSamples| (f.level_normal.vector() - first).norm() < 1e-9;
+    Some(if frames.iter().all(is_same) { WITHOUT_ATTITUDE } else { WITH_ATTITUDE })
+}
+
+/// Tilts that were found.
+#[derive(Clone, Debug)]
+pub struct TiltFit {
+    /// per frame: about the camera's x and y axes (rad)
+    pub tilts: Vec<[f64; 2]>,
+}
+
+/// The tilts of a log; `None` where its planes are measured, or nothing contradicts level ones.
+pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Option<TiltFit> {
+    let can_tell = data.tracks.len() >= config.least_pairs
+        && (MIN_FRAMES..=MAX_FRAMES).contains(&data.frames.len());
+    let stds = stds(data.frames).filter(|_| can_tell)?;
+    let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let setup = Setup { rounds: ROUNDS, ..data.setup(grid, config) };
+    let planes = plane_tracks(data.frames);
+    // The shared tilt, then those of the frames.
+    let mut state = vec![[0.0; 2]; 1 + data.frames.len()];
+    for _ in 0..STEPS {
+        let tilts = sums(&state);
+        let tilted = Tilted::new(&planes, mounts, &tilts);
+        let paths = |o: &Observation, lamps| tilted.of(o.frame).path(o, lamps);
+        let mut problem = Problem::new(&tracks, &setup, data.lamps, &paths)?;
+        let solution = problem.solve(setup.rounds)?;
+        let path = |o: &Observation, tilt: [f64; 2], lamps| {
+            let mut planes = tilted.of(o.frame);
+            planes.by += Vector3::new(0.0, tilt[0], tilt[1]);
+            planes.path(o, lamps)
+        };
+        let free = FreeTilts { path: &path, stds };
+        let parameters = free.parameters(data.lamps);
+        let steps = problem.tilt_steps(&tracks, &parameters, &solution, (&state, stds))?;
+        let size = steps.iter().flatten().map(|s| s.abs()).sum::<f64>() / steps.len() as f64;
+        eprintln!(
+            "DBG tilt residual {:.5} step {:.5} alpha {:?}",
+            solution.residual,
+            size,
+            problem.fit(&solution).attenuation_per_m
+        );
+        for (tilt, step) in state.iter_mut().zip(&steps) {
+            (0..2).for_each(|axis| tilt[axis] += step[axis]);
+        }
+        if size < SETTLED_RAD {
+            break;
+        }
+    }
+    let fit = TiltFit { tilts: sums(&state) };
+    let m = |a: usize| fit.tilts.iter().map(|t| t[a]).sum::<f64>() / fit.tilts.len() as f64;
+    eprintln!("DBG mean tilt {:.4} {:.4} shared {:?}", m(0), m(1), state[0]);
+    let (frames, tracks) = fit.applied_to(data.frames, data.tracks, mounts);
+    let cost = |data: &Dataset<'_>| self_calibration::cost_with(data, &sample_path, config);
+    let after = cost(&Dataset { frames: &frames, tracks: &tracks, ..*data })?;
+    eprintln!("DBG tilt cost {:?} -> {after}", cost(data));
+    (after < cost(data)? - LEAST_DECREASE).then_some(fit)
+}
+
+/// The tilt of every frame: the shared one and its own.
+fn sums(state: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let (shared, own) = (state[0], &state[1..]);
+    own.iter().map(|own| [shared[0] + own[0], shared[1] + own[1]]).collect()
+}
+
+/// Planes of the frames, each with its own tilt.
+#[derive(Clone, Copy)]
+struct Tilted<'t> {
+    planes: ShiftedPlanes<'t>,
+    tilts: &'t [[f64; 2]],
+}
+
+impl<'t> Tilted<'t> {
+    fn new(planes: &'t [PlaneTrack], mounts: &Mounts, tilts: &'t [[f64; 2]]) -> Self {
+        let Mounts { body_from_optical, instrument, .. } = *mounts;
+        let by = Vector3::zeros();
+        Self { planes: ShiftedPlanes { planes, body_from_optical, instrument, by }, tilts }
+    }
+
+    /// With the tilt of a frame.
+    fn of(&self, frame: u32) -> ShiftedPlanes<'t> {
+        let [about_x, about_y] = self.tilts.get(frame as usize).copied().unwrap_or_default();
+        ShiftedPlanes { by: Vector3::new(0.0, about_x, about_y), ..self.planes }
+    }
+}
+
+impl TiltFit {
+    /// Samples over the tilted planes.
+    pub fn applied_to(
+        &self,
+        frames: &[FrameSamples],
+        tracks: &[Track],
+        mounts: &Mounts,
+    ) -> (Vec<FrameSamples>, Vec<Track>) {
+        let planes = plane_tracks(frames);
+        let tilted = Tilted::new(&planes, mounts, &self.tilts);
+        let of_frame = |(f, frame): (usize, &FrameSamples)| {
+            let planes = tilted.of(f as u32);
+            let over = |cells: &[(u32, Sample)]| {
+                let cell = |(cell, s): &(u32, _)| Some((*cell, planes.sample(f as u32, s)?));
+                cells.iter().filter_map(cell).collect::<Vec<_>>()
+            };
+            let (normal, distance_m) = planes.plane(&planes.planes[f]);
+            let camera = mounts.body_from_optical.origin().vector();
+            let around = |plane: (Direction<Body>, f64)| {
+                let (normal, distance_m) = planes.plane(&PlaneTrack { plane, around: None });
+                (Direction::from_vector(normal).unwrap_or(plane.0), distance_m)
+            };
+            FrameSamples {
+                planes_around: frame.planes_around.map(|planes| planes.map(around)),
+                dark: over(&frame.dark),
+                normal: Direction::from_vector(normal).unwrap_or(frame.normal),
+                distance_m,
+                camera_altitude_m: distance_m - normal.dot(&camera),
+                ..frame.with_grid(over(&frame.grid))
+            }
+        };
+        let of_track = |track: &Track| {
+            let of = |o: &Observation| {
+                Some(Observation { sample: tilted.of(o.frame).sample(o.frame, &o.sample)?, ..*o })
+            };
+            track.iter().filter_map(of).collect::<Track>()
+        };
+        let tracks = tracks.iter().map(of_track).filter(|t| t.len() > 1).collect();
+        (frames.iter().enumerate().map(of_frame).collect(), tracks)
+    }
+}
