@@ -218,8 +218,24 @@ impl Given<'_> {
         }
         let mut samples = raw.clone();
         samples.follow(followed, settings);
-        let strobe = self.placed(&samples, None);
-        tilt_search::find(&samples.data(mounts, strobe.lamps, None), mounts, config)
+        let (mut lamps, mut best) = (self.placed(&samples, None).lamps, None);
+        for _ in 0..TURNS {
+            let data = samples.data(mounts, lamps, None);
+            let Some((found, camera)) = tilt_search::find(&data, mounts, config) else { break };
+            let (mut frames, mut tracks) = found.applied_to(data.frames, data.tracks, mounts);
+            best = Some(found);
+            if mounts.strobe_is_measured {
+                break;
+            }
+            // Over level planes the strobe was found elsewhere.
+            camera.iter().for_each(|camera| camera.remove_from(&mut frames, &mut tracks));
+            let next = self.placed(&Samples { frames, tracks }, camera.as_ref()).lamps;
+            if distance(next, lamps) < MOVED_M {
+                break;
+            }
+            lamps = next;
+        }
+        best
     }
 
     fn placed(&self, samples: &Samples, camera: Option<&CameraFit>) -> StrobePlacement {

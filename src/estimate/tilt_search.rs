@@ -8,16 +8,20 @@
 
 use nalgebra::Vector3;
 
+use super::Dataset;
 use super::Mounts;
+use super::camera_fit::CameraFit;
 use super::mount_search::plane_tracks;
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
-use super::{Dataset, self_calibration};
+use super::self_calibration;
 use crate::config::EstimateConfig;
 use crate::coordinates::{Body, Direction};
 use crate::model::BeamGrid;
+use crate::parallel::join;
+use crate::solver::camera::CameraUnknowns;
 use crate::solver::terms::geometry::{PlaneTrack, ShiftedPlanes};
-use crate::solver::{FreeTilts, Observation, Problem, Sample, Setup, Track, sample_path, thinned};
+use crate::solver::{FreeTilts, Observation, Problem, Sample, Setup, Track, thinned};
 
 /// Observations that determine the tilts.
 const MAX_OBSERVATIONS: usize = 24_000;
@@ -53,53 +57,76 @@ pub struct TiltFit {
     pub tilts: Vec<[f64; 2]>,
 }
 
-/// The tilts of a log; `None` where its planes are measured, or nothing contradicts level ones.
-pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Option<TiltFit> {
+/// The tilts of a log, and what it shows of its camera then; `None` where its planes are measured, or
+/// nothing contradicts level ones.
+/// A camera that sets its own exposure hides what altitude does to the light: both are tried.
+pub fn find(
+    data: &Dataset<'_>,
+    mounts: &Mounts,
+    config: &EstimateConfig,
+) -> Option<(TiltFit, Option<CameraFit>)> {
     let can_tell = data.tracks.len() >= config.least_pairs
         && (MIN_FRAMES..=MAX_FRAMES).contains(&data.frames.len());
     let stds = stds(data.frames).filter(|_| can_tell)?;
-    let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
-    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let setup = Setup { rounds: ROUNDS, ..data.setup(grid, config) };
-    let planes = plane_tracks(data.frames);
-    // The shared tilt, then those of the frames.
-    let mut state = vec![[0.0; 2]; 1 + data.frames.len()];
-    for _ in 0..STEPS {
-        let tilts = sums(&state);
-        let tilted = Tilted::new(&planes, mounts, &tilts);
-        let paths = |o: &Observation, lamps| tilted.of(o.frame).path(o, lamps);
-        let mut problem = Problem::new(&tracks, &setup, data.lamps, &paths)?;
-        let solution = problem.solve(setup.rounds)?;
-        let path = |o: &Observation, tilt: [f64; 2], lamps| {
-            let mut planes = tilted.of(o.frame);
-            planes.by += Vector3::new(0.0, tilt[0], tilt[1]);
-            planes.path(o, lamps)
-        };
-        let free = FreeTilts { path: &path, stds };
-        let parameters = free.parameters(data.lamps);
-        let steps = problem.tilt_steps(&tracks, &parameters, &solution, (&state, stds))?;
-        let size = steps.iter().flatten().map(|s| s.abs()).sum::<f64>() / steps.len() as f64;
-        eprintln!(
-            "DBG tilt residual {:.5} step {:.5} alpha {:?}",
-            solution.residual,
-            size,
-            problem.fit(&solution).attenuation_per_m
-        );
-        for (tilt, step) in state.iter_mut().zip(&steps) {
-            (0..2).for_each(|axis| tilt[axis] += step[axis]);
+    let search = Search { data, mounts, stds, config };
+    let calibrated = |data: &Dataset<'_>| self_calibration::calibrate(data, mounts.camera, config);
+    let of = |camera: Option<CameraUnknowns<'_>>| {
+        let fit = TiltFit { tilts: search.run(camera)? };
+        let (frames, tracks) = fit.applied_to(data.frames, data.tracks, mounts);
+        let found = calibrated(&Dataset { frames: &frames, tracks: &tracks, ..*data })?;
+        Some((fit, found))
+    };
+    let (steady, metered) =
+        join(|| of(None), || self_calibration::with_law(data, |camera| of(Some(camera))).flatten());
+    let level = calibrated(data)?.cost;
+    let better =
+        [steady, metered].into_iter().flatten().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+    let better = better.filter(|(_, found)| found.cost < level - LEAST_DECREASE);
+    better.map(|(fit, found)| (fit, found.camera))
+}
+
+/// A search for tilts.
+struct Search<'s> {
+    data: &'s Dataset<'s>,
+    mounts: &'s Mounts,
+    stds: [f64; 2],
+    config: &'s EstimateConfig,
+}
+
+impl Search<'_> {
+    /// Tilts of all frames, with these unknowns of the camera.
+    fn run(&self, camera: Option<CameraUnknowns<'_>>) -> Option<Vec<[f64; 2]>> {
+        let Self { data, mounts, stds, config } = *self;
+        let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
+        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+        let setup = Setup { rounds: ROUNDS, camera, ..data.setup(grid, config) };
+        let planes = plane_tracks(data.frames);
+        // The shared tilt, then those of the frames.
+        let mut state = vec![[0.0; 2]; 1 + data.frames.len()];
+        for _ in 0..STEPS {
+            let tilts = sums(&state);
+            let tilted = Tilted::new(&planes, mounts, &tilts);
+            let paths = |o: &Observation, lamps| tilted.of(o.frame).path(o, lamps);
+            let mut problem = Problem::new(&tracks, &setup, data.lamps, &paths)?;
+            let solution = problem.solve(setup.rounds)?;
+            let path = |o: &Observation, tilt: [f64; 2], lamps| {
+                let mut planes = tilted.of(o.frame);
+                planes.by += Vector3::new(0.0, tilt[0], tilt[1]);
+                planes.path(o, lamps)
+            };
+            let free = FreeTilts { path: &path, stds };
+            let parameters = free.parameters(data.lamps);
+            let steps = problem.tilt_steps(&tracks, &parameters, &solution, (&state, stds))?;
+            for (tilt, step) in state.iter_mut().zip(&steps) {
+                (0..2).for_each(|axis| tilt[axis] += step[axis]);
+            }
+            let size = steps.iter().flatten().map(|s| s.abs()).sum::<f64>() / steps.len() as f64;
+            if size < SETTLED_RAD {
+                break;
+            }
         }
-        if size < SETTLED_RAD {
-            break;
-        }
+        Some(sums(&state))
     }
-    let fit = TiltFit { tilts: sums(&state) };
-    let m = |a: usize| fit.tilts.iter().map(|t| t[a]).sum::<f64>() / fit.tilts.len() as f64;
-    eprintln!("DBG mean tilt {:.4} {:.4} shared {:?}", m(0), m(1), state[0]);
-    let (frames, tracks) = fit.applied_to(data.frames, data.tracks, mounts);
-    let cost = |data: &Dataset<'_>| self_calibration::cost_with(data, &sample_path, config);
-    let after = cost(&Dataset { frames: &frames, tracks: &tracks, ..*data })?;
-    eprintln!("DBG tilt cost {:?} -> {after}", cost(data));
-    (after < cost(data)? - LEAST_DECREASE).then_some(fit)
 }
 
 /// The tilt of every frame: the shared one and its own.

@@ -25,6 +25,7 @@ use crate::model::{
 };
 use crate::session::survey::Survey;
 use crate::session::{CameraSession, Options};
+use crate::stats;
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount, StrobeSource};
 
 /// Points of a transfer curve, and the first of them beside 0: darker values are not sampled.
@@ -122,6 +123,13 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
     }
     if options.config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
         diagnostics.push(EstimateFact::BackscatterUnknown.into());
+    }
+    if let Some(tilts) = &found.tilts {
+        let sizes_deg: Vec<f64> =
+            tilts.tilts.iter().map(|t| t[0].hypot(t[1]).to_degrees()).collect();
+        let largest_deg = sizes_deg.iter().copied().fold(0.0, f64::max);
+        let median_deg = stats::median(&sizes_deg);
+        diagnostics.push(EstimateFact::TiltsFound { median_deg, largest_deg }.into());
     }
     if let Some(daylight) = &found.daylight {
         let share = daylight.share.into_iter().fold(0.0, f64::max);

@@ -17,6 +17,8 @@ const MIN_DIFFERENCE_PER_M: f64 = 0.03;
 const MAX_SYSTEMATIC: f64 = 0.0065;
 /// Backscatter that is not modelled may change α by this share.
 const UNMODELLED_SHARE: f64 = 0.1;
+/// Standard deviation of the tilt of a frame, about which nothing is known (rad).
+const FREE_TILT_RAD: f64 = 0.02;
 /// Largest standard deviation of α (1/m).
 const MAX_STD_PER_M: f64 = 0.08;
 
@@ -35,6 +37,9 @@ pub fn not_identified(
     let frames = data.frames.len();
     if frames < MIN_FRAMES {
         return Some(NotIdentified::FewFrames { frames, needed: MIN_FRAMES });
+    }
+    if is_tilt_ambiguous(data) {
+        return Some(NotIdentified::TiltsAmbiguous);
     }
     let model = &candidate.model;
     let alpha = &model.attenuation_per_m[..model.bands];
@@ -55,6 +60,14 @@ pub fn not_identified(
     }
     let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
     (worst > MAX_STD_PER_M).then_some(NotIdentified::Uncertain { std_per_m: worst })
+}
+
+/// Whether tilts of all frames, and gains or the strobe's position with them, come from the light
+/// alone: they stand in for one another.
+fn is_tilt_ambiguous(data: &Dataset<'_>) -> bool {
+    let has_attitude = data.tilts.is_none_or(|(_, [_, of_frame])| of_frame < FREE_TILT_RAD);
+    let sets_gain = data.camera.is_some_and(|camera| camera.found.gains || camera.found.law);
+    !has_attitude && (sets_gain || data.strobe_is_free)
 }
 
 fn backscatter_ignored(alpha: &[f64], with: &Bands) -> Option<NotIdentified> {
