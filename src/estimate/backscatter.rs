@@ -115,8 +115,8 @@ fn exceeds(answer: &JointAnswer, deviations: f64) -> bool {
     })
 }
 
-/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it). Of the strobe's
-/// light, unless an even field predicts held-out frames better.
+/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it). Of the
+/// strobe's light, unless an even field predicts held-out frames better.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
     let of = |source| move || find_of(data, setup, source);
     let (strobe, uniform) = join(of(ScatterSource::Strobe), of(ScatterSource::Uniform));

@@ -14,6 +14,7 @@ use crate::coordinates::{Body, Optical, Transform};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{BeamGrid, BeamPattern, ImagingModel, SpreadingModel};
+use crate::solver::terms::geometry::PlaneTrack;
 use crate::solver::{Independence, Observation, Sample, Setup, Track};
 use crate::stats;
 use crate::vehicle::Lamps;
@@ -34,8 +35,8 @@ pub struct Dataset<'s> {
     pub lamps: Lamps,
     /// whether the strobe's position is not measured: estimated from these samples, or a guess
     pub strobe_is_free: bool,
-    /// position of the range instrument (m) and standard deviations of the tilts (rad), where planes
-    /// are assumed level: those of `FreeTilts`
+    /// position of the range instrument (m) and standard deviations of the tilts (rad), where
+    /// planes are assumed level: those of `FreeTilts`
     pub tilts: Option<(Vector3<f64>, [f64; 2])>,
     /// backscatter that has been removed from the samples
     pub backscatter: Option<&'s BackscatterFit>,
@@ -84,6 +85,15 @@ impl<'s> Dataset<'s> {
     /// The tracks before backscatter and daylight were removed.
     pub fn raw_tracks(&self) -> &'s [Track] {
         self.raw_tracks.unwrap_or(self.tracks)
+    }
+
+    /// The planes of the frames, with those shortly before and after.
+    pub fn plane_tracks(&self) -> Vec<PlaneTrack> {
+        let plane = |f: &FrameSamples| PlaneTrack {
+            plane: (f.normal, f.distance_m),
+            around: f.planes_around,
+        };
+        self.frames.iter().map(plane).collect()
     }
 
     /// Moments with pings of their own: frames nearer than `PINGS_SHARED_S` share their errors.

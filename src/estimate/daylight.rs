@@ -1,9 +1,9 @@
 //! Daylight on the seafloor (Eq. 3), from how light falls with distance.
 //!
-//! The strobe's light falls with ℓ_a², with α on both legs and towards the rim of its beam; daylight
-//! falls with α on the camera's leg alone. So its share grows with altitude and off the beam's axis.
-//! Its strength joins the joint solve; for whatever needs light of the strobe alone the samples are
-//! divided by what daylight adds.
+//! The strobe's light falls with ℓ_a², with α on both legs and towards the rim of its beam;
+//! daylight falls with α on the camera's leg alone. So its share grows with altitude and off the
+//! beam's axis. Its strength joins the joint solve; for whatever needs light of the strobe alone
+//! the samples are divided by what daylight adds.
 
 use super::Dataset;
 use super::backscatter::BackscatterFit;
@@ -59,8 +59,8 @@ impl DaylightFit {
         Some(log_lamp_share(&self.model, &sample.path(self.lamps)?))
     }
 
-    /// Frames and tracks as the strobe alone would have lit them. A factor leaves relative errors as
-    /// they are, so all stay.
+    /// Frames and tracks as the strobe alone would have lit them. A factor leaves relative errors
+    /// as they are, so all stay.
     pub fn removed_from(&self, data: &Dataset<'_>) -> (Vec<FrameSamples>, Vec<Track>) {
         let bands = data.bands();
         let lit = |sample: &Sample| {

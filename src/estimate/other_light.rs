@@ -7,14 +7,18 @@ use super::samples::FrameSamples;
 use crate::parallel::join;
 use crate::solver::{Setup, Track};
 
-/// Backscatter and daylight: what predicts held-out frames better, and the other one beside it if it
-/// is there, too.
+/// Backscatter and daylight: what predicts held-out frames better, and the other one beside it if
+/// it is there, too. Daylight stands in for a strobe that is elsewhere: it is sought where the
+/// position is not in doubt.
 pub fn other_light(
     data: &Dataset<'_>,
     setup: &Setup<'_>,
+    seeks_daylight: bool,
 ) -> (Option<BackscatterFit>, Option<DaylightFit>) {
-    let (scattered, daylight) =
-        join(|| backscatter::find(data, setup), || daylight::find(data, setup, None));
+    let (scattered, daylight) = join(
+        || backscatter::find(data, setup),
+        || seeks_daylight.then(|| daylight::find(data, setup, None)).flatten(),
+    );
     match (scattered, daylight) {
         (Some(scattered), Some(day)) if day.improvement < scattered.improvement => {
             let beside = daylight::find(data, setup, Some(&scattered));

@@ -10,13 +10,12 @@ use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
 use super::daylight::DaylightFit;
 use super::methods::empirical::Regions;
-use super::mount_search::{MountFit, check_mounts, plane_tracks};
+use super::mount_search::{MountFit, check_mounts};
 use super::other_light::{direct_light, other_light};
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
-use super::tilt_search::TiltFit;
 use super::{
     Dataset, FollowedSetting, ModelEstimate, Mounts, drift, estimate, exposure, frame_gains,
     tilt_search,
@@ -125,7 +124,11 @@ pub fn estimate_model(
     let mut raw = Samples { frames, tracks };
     let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
-    let tilts = given.tilts(&raw, &followed, settings);
+    let tilts = {
+        let mut samples = raw.clone();
+        samples.follow(&followed, settings);
+        tilt_search::find(&samples.data(mounts, mounts.lamps, None), mounts, config)
+    };
     if let Some(tilts) = &tilts {
         let (frames, tracks) = tilts.applied_to(&raw.frames, &raw.tracks, mounts);
         raw = Samples { frames, tracks };
@@ -205,39 +208,6 @@ impl Given<'_> {
         (samples, log_gains)
     }
 
-    /// Tilts of planes that are assumed level.
-    fn tilts(
-        &self,
-        raw: &Samples,
-        followed: &[FollowedSetting],
-        settings: &[Vec<f64>],
-    ) -> Option<TiltFit> {
-        let Self { mounts, config } = *self;
-        if config.self_calibration == SelfCalibration::Off || !config.estimator.may_be_joint() {
-            return None;
-        }
-        let mut samples = raw.clone();
-        samples.follow(followed, settings);
-        let (mut lamps, mut best) = (self.placed(&samples, None).lamps, None);
-        for _ in 0..TURNS {
-            let data = samples.data(mounts, lamps, None);
-            let Some((found, camera)) = tilt_search::find(&data, mounts, config) else { break };
-            let (mut frames, mut tracks) = found.applied_to(data.frames, data.tracks, mounts);
-            best = Some(found);
-            if mounts.strobe_is_measured {
-                break;
-            }
-            // Over level planes the strobe was found elsewhere.
-            camera.iter().for_each(|camera| camera.remove_from(&mut frames, &mut tracks));
-            let next = self.placed(&Samples { frames, tracks }, camera.as_ref()).lamps;
-            if distance(next, lamps) < MOVED_M {
-                break;
-            }
-            lamps = next;
-        }
-        best
-    }
-
     fn placed(&self, samples: &Samples, camera: Option<&CameraFit>) -> StrobePlacement {
         let data = samples.data(self.mounts, self.mounts.lamps, camera);
         place_strobe(&data, self.mounts.strobe_is_measured, None, self.config)
@@ -283,7 +253,9 @@ impl Given<'_> {
             && (!mounts.strobe_is_measured || config.strobe_position != StrobePosition::Auto);
         for _ in 0..TURNS {
             let placed = Dataset { lamps: found.strobe.lamps, ..given };
-            let (mut backscatter, daylight) = other_light(&placed, &given.setup(grid, config));
+            let is_placed = found.strobe.warning.is_none() || found.strobe.source.is_some();
+            let setup = given.setup(grid, config);
+            let (mut backscatter, daylight) = other_light(&placed, &setup, is_placed);
             if config.backscatter == Switch::Off {
                 found.unmodelled = backscatter.take().map(|fit| fit.attenuation_per_m);
             }
@@ -361,10 +333,8 @@ impl Given<'_> {
     fn calibration(&self, samples: &Samples, lamps: Lamps) -> Option<Calibration> {
         let Self { mounts, config } = *self;
         let data = samples.data(mounts, lamps, None);
-        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-        let seeks_drift = config.drift != Switch::Off && data.is_informative(config);
-        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
-        calibrate(&Dataset { drift: drift.as_ref(), ..data }, mounts.camera, config)
+        let can_tell = data.is_informative(config);
+        with_drift(&data, can_tell, config, &|data| calibrate(data, mounts.camera, config))
     }
 
     /// Clock and mount that contradict the given ones, and the cost with them.
@@ -376,7 +346,7 @@ impl Given<'_> {
         if !found.contradicts_clock() && !found.contradicts_mount() {
             return None;
         }
-        let planes = plane_tracks(data.frames);
+        let planes = data.plane_tracks();
         let shifted = found.shifted(&planes, mounts);
         let cost = cost_with(&data, &|o, lamps| shifted.path(o, lamps), config)?;
         Some((found, cost))
@@ -386,6 +356,19 @@ impl Given<'_> {
 /// Between the positions of two strobes (m).
 fn distance(a: Lamps, b: Lamps) -> f64 {
     (a.origin().vector() - b.origin().vector()).norm()
+}
+
+/// Work on samples with the nodes of α in time, where the water changes.
+fn with_drift<R>(
+    data: &Dataset<'_>,
+    can_tell: bool,
+    config: &EstimateConfig,
+    work: &dyn Fn(&Dataset<'_>) -> R,
+) -> R {
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let is_sought = config.drift != Switch::Off && can_tell;
+    let drift = if is_sought { drift::find(data, &data.setup(grid, config)) } else { None };
+    work(&Dataset { drift: drift.as_ref(), ..*data })
 }
 
 /// The estimators on an explained log.
@@ -412,12 +395,7 @@ fn finish(
         unmodelled_backscatter: unmodelled,
         ..direct.data(mounts, strobe.lamps, camera.as_ref())
     };
-    let estimated = || {
-        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-        let seeks_drift = config.drift != Switch::Off && can_tell;
-        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
-        estimate(&Dataset { drift: drift.as_ref(), ..data }, config)
-    };
+    let estimated = || with_drift(&data, can_tell, config, &|data| estimate(data, config));
     let replaces_mounts = known.is_some() && config.self_calibration == SelfCalibration::Auto;
     let check = || known.or_else(|| check_mounts(&data, mounts.instrument, config));
     let (mount_fit, estimate) = join(check, estimated);
@@ -431,11 +409,10 @@ fn finish(
         fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
         fit
     });
+    // Daylight is part of the model that corrects.
+    let with_daylight = || raw.data(mounts, strobe.lamps, None);
     let frames = match &daylight {
-        // Daylight is part of the model that corrects.
-        Some(_) => {
-            direct_light(&raw.data(mounts, strobe.lamps, None), backscatter.as_ref(), None).0
-        }
+        Some(_) => direct_light(&with_daylight(), backscatter.as_ref(), None).0,
         None => direct.frames,
     };
     let daylight = daylight.map(|mut fit| {

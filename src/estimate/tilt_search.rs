@@ -1,21 +1,21 @@
-//! Tilts of frames whose seafloor is assumed level, where the vehicle has no attitude sensor, or the
-//! seafloor a slope.
+//! Tilts of frames whose seafloor is assumed level, where the vehicle has no attitude sensor, or
+//! the seafloor a slope.
 //!
 //! A tilted plane makes one side of the image farther than it is taken to be, and, as the range
-//! instrument sits beside the camera, the whole of it. Points that overlapping frames share show it:
-//! two numbers per frame, found by Gauss-Newton steps of the joint solve. In: samples over level
-//! planes. Out: the tilts, and the samples over the tilted planes.
+//! instrument sits beside the camera, the whole of it. Points that overlapping frames share show
+//! it: two numbers per frame, found by Gauss-Newton steps of the joint solve. In: samples over
+//! level planes. Out: the tilts, and the samples over the tilted planes.
 
 use nalgebra::Vector3;
 
 use super::Dataset;
 use super::Mounts;
 use super::camera_fit::CameraFit;
-use super::mount_search::plane_tracks;
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
-use super::self_calibration;
-use crate::config::EstimateConfig;
+use super::self_calibration::{calibrate, with_law};
+use super::strobe_search::place_strobe;
+use crate::config::{EstimateConfig, SelfCalibration};
 use crate::coordinates::{Body, Direction};
 use crate::model::BeamGrid;
 use crate::parallel::join;
@@ -36,16 +36,19 @@ const ROUNDS: usize = 6;
 /// an attitude sensor (rad).
 const WITHOUT_ATTITUDE: [f64; 2] = [0.02, 0.05];
 const WITH_ATTITUDE: [f64; 2] = [0.03, 0.005];
+/// Times that tilts and the strobe are found in turn; a strobe that moves less is final (m).
+const TURNS: usize = 3;
+const SETTLED_M: f64 = 0.03;
 /// The cost decreases by at least this.
 const LEAST_DECREASE: f64 = 0.02;
 
-/// Standard deviations of the tilt that all planes share, and of each frame's own (rad); `None` where
-/// planes are measured.
+/// Standard deviations of the tilt that all planes share, and of each frame's own (rad); `None`
+/// where planes are measured.
 pub fn stds(frames: &[FrameSamples]) -> Option<[f64; 2]> {
     if frames.iter().any(|f| !f.is_level_assumed) {
         return None;
     }
-    let Some(first) = frames.first().map(|f| f.level_normal.vector()) else { return None };
+    let first = frames.first().map(|f| f.level_normal.vector())?;
     let is_same = |f: &FrameSamples| (f.level_normal.vector() - first).norm() < 1e-9;
     Some(if frames.iter().all(is_same) { WITHOUT_ATTITUDE } else { WITH_ATTITUDE })
 }
@@ -57,32 +60,37 @@ pub struct TiltFit {
     pub tilts: Vec<[f64; 2]>,
 }
 
-/// The tilts of a log, and what it shows of its camera then; `None` where its planes are measured, or
-/// nothing contradicts level ones.
-/// A camera that sets its own exposure hides what altitude does to the light: both are tried.
-pub fn find(
-    data: &Dataset<'_>,
-    mounts: &Mounts,
-    config: &EstimateConfig,
-) -> Option<(TiltFit, Option<CameraFit>)> {
+/// The tilts of a log; `None` where its planes are measured, nothing contradicts level ones, or the
+/// settings do not ask. Where the strobe's position is not known, it is found in turn with them.
+pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Option<TiltFit> {
     let can_tell = data.tracks.len() >= config.least_pairs
         && (MIN_FRAMES..=MAX_FRAMES).contains(&data.frames.len());
-    let stds = stds(data.frames).filter(|_| can_tell)?;
-    let search = Search { data, mounts, stds, config };
-    let calibrated = |data: &Dataset<'_>| self_calibration::calibrate(data, mounts.camera, config);
-    let of = |camera: Option<CameraUnknowns<'_>>| {
-        let fit = TiltFit { tilts: search.run(camera)? };
-        let (frames, tracks) = fit.applied_to(data.frames, data.tracks, mounts);
-        let found = calibrated(&Dataset { frames: &frames, tracks: &tracks, ..*data })?;
-        Some((fit, found))
-    };
-    let (steady, metered) =
-        join(|| of(None), || self_calibration::with_law(data, |camera| of(Some(camera))).flatten());
-    let level = calibrated(data)?.cost;
-    let better =
-        [steady, metered].into_iter().flatten().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
-    let better = better.filter(|(_, found)| found.cost < level - LEAST_DECREASE);
-    better.map(|(fit, found)| (fit, found.camera))
+    let is_asked =
+        config.self_calibration == SelfCalibration::Auto && config.estimator.may_be_joint();
+    let stds = stds(data.frames).filter(|_| can_tell && is_asked)?;
+    let placed =
+        |data: &Dataset<'_>| place_strobe(data, mounts.strobe_is_measured, None, config).lamps;
+    let (mut lamps, mut best) = (placed(data), None);
+    for _ in 0..TURNS {
+        let data = Dataset { lamps, ..*data };
+        let search = Search { data: &data, mounts, stds, config };
+        let Some((found, camera)) = search.best() else { break };
+        let (mut frames, mut tracks) = found.applied_to(data.frames, data.tracks, mounts);
+        best = Some(found);
+        if mounts.strobe_is_measured {
+            break;
+        }
+        // Over level planes the strobe was found elsewhere.
+        camera.iter().for_each(|camera| camera.remove_from(&mut frames, &mut tracks));
+        let (frames, tracks) = (&frames, &tracks);
+        let camera = camera.as_ref();
+        let next = placed(&Dataset { frames, tracks, camera, lamps: mounts.lamps, ..data });
+        if (next.origin().vector() - lamps.origin().vector()).norm() < SETTLED_M {
+            break;
+        }
+        lamps = next;
+    }
+    best
 }
 
 /// A search for tilts.
@@ -94,13 +102,33 @@ struct Search<'s> {
 }
 
 impl Search<'_> {
+    /// The tilts, and what the log shows of its camera then. A camera that sets its own exposure
+    /// hides what altitude does to the light: both are tried.
+    fn best(&self) -> Option<(TiltFit, Option<CameraFit>)> {
+        let Self { data, mounts, config, .. } = *self;
+        let calibrated = |data: &Dataset<'_>| calibrate(data, mounts.camera, config);
+        let of = |camera: Option<CameraUnknowns<'_>>| {
+            let fit = TiltFit { tilts: self.run(camera)? };
+            let (frames, tracks) = fit.applied_to(data.frames, data.tracks, mounts);
+            let found = calibrated(&Dataset { frames: &frames, tracks: &tracks, ..*data })?;
+            Some((fit, found))
+        };
+        let (steady, metered) =
+            join(|| of(None), || with_law(data, |camera| of(Some(camera))).flatten());
+        let level = calibrated(data)?.cost;
+        let found = [steady, metered].into_iter().flatten();
+        let best = found.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+        let best = best.filter(|(_, found)| found.cost < level - LEAST_DECREASE);
+        best.map(|(fit, found)| (fit, found.camera))
+    }
+
     /// Tilts of all frames, with these unknowns of the camera.
     fn run(&self, camera: Option<CameraUnknowns<'_>>) -> Option<Vec<[f64; 2]>> {
         let Self { data, mounts, stds, config } = *self;
         let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
         let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
         let setup = Setup { rounds: ROUNDS, camera, ..data.setup(grid, config) };
-        let planes = plane_tracks(data.frames);
+        let planes = data.plane_tracks();
         // The shared tilt, then those of the frames.
         let mut state = vec![[0.0; 2]; 1 + data.frames.len()];
         for _ in 0..STEPS {
@@ -164,7 +192,8 @@ impl TiltFit {
         tracks: &[Track],
         mounts: &Mounts,
     ) -> (Vec<FrameSamples>, Vec<Track>) {
-        let planes = plane_tracks(frames);
+        let planes =
+            Dataset::plain(frames, tracks, mounts.body_from_optical, mounts.lamps).plane_tracks();
         let tilted = Tilted::new(&planes, mounts, &self.tilts);
         let of_frame = |(f, frame): (usize, &FrameSamples)| {
             let planes = tilted.of(f as u32);

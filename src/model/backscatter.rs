@@ -13,7 +13,8 @@
 //! no frame showed (near the camera) carry the shown ones on as a Gaussian falls off, times η:
 //! their light is much the same in every frame, however high. The log tells η and ζ.
 //!
-//! Under daylight, and between many lamps, the field is even: S_Λ = (1 − e^(−a_Λ ℓ_s)) / a_Λ (Eq. 6).
+//! Under daylight, and between many lamps, the field is even: S_Λ = (1 − e^(−a_Λ ℓ_s)) / a_Λ
+//! (Eq. 6).
 //!
 //! In: image-plane coordinates x/z, y/z of the ray and ℓ_s (m). Out: light in the unit of `c / (r ·
 //! light)` of Eq. 15.

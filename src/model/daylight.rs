@@ -13,8 +13,8 @@ use crate::image::Bands;
 /// d_Λ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Daylight {
-    /// log d_Λ: light of white seafloor under daylight over that under the strobe at 1 m in the peak
-    /// of its beam, without water in between; −∞ without daylight
+    /// log d_Λ: light of white seafloor under daylight over that under the strobe at 1 m in the
+    /// peak of its beam, without water in between; −∞ without daylight
     pub log_strength: Bands,
 }
 

@@ -125,7 +125,8 @@ impl EmpiricalModel {
 }
 
 /// Four regions along an axis and their weights: cubic (Catmull and Rom) between the centres, as
-/// light has no edges where a grid has nodes; straight on beyond the outermost ones, up to a region.
+/// light has no edges where a grid has nodes; straight on beyond the outermost ones, up to a
+/// region.
 fn taps(v: f64, [from, to]: [f64; 2], count: usize) -> [(usize, f64); 4] {
     let last = count - 1;
     let at = (v - from) / (to - from).max(1e-9) * count as f64 - 0.5;

@@ -14,8 +14,8 @@ pub struct Tilts {
 }
 
 impl Tilts {
-    /// The tilts of a model for the log that `is_own` recognises by its SHA-256; `None` where it has
-    /// none: they are those of a dive, not of a vehicle.
+    /// The tilts of a model for the log that `is_own` recognises by its SHA-256; `None` where it
+    /// has none: they are those of a dive, not of a vehicle.
     pub fn of(file: &ModelFile, is_own: &dyn Fn(&str) -> bool) -> Option<Self> {
         let tilts = file.tilts.as_ref()?;
         let radians = |tilt: [f64; 2]| tilt.map(f64::to_radians);

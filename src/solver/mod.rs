@@ -8,11 +8,11 @@
 //!
 //! Each group of unknowns is a term ([`terms`]): α per band (at nodes in time where it changes), B
 //! on bilinear nodes shared by the bands, optionally the spreading exponent p, backscatter and
-//! daylight, what the camera did to the light ([`camera`]), and to first order the geometry (strobe position,
-//! clock, mount). The log reflectance ρ per track and
-//! band is eliminated in closed form (`normal`). Weights are robust (`reweight`), standard
-//! deviations come from a jackknife over segments of the log (`covariance`); a few numbers of the
-//! geometry are found by Gauss-Newton steps of whole solves (`gauss_newton`).
+//! daylight, what the camera did to the light ([`camera`]), and to first order the geometry (strobe
+//! position, clock, mount, tilts). The log reflectance ρ per track and band is eliminated in closed
+//! form (`normal`). Weights are robust (`reweight`), standard deviations come from a jackknife over
+//! segments of the log (`covariance`); a few numbers of the geometry are found by Gauss-Newton
+//! steps of whole solves (`gauss_newton`).
 //!
 //! After Bryson et al. (JFR 2016) and SUCRe (3DV 2024) in idea, own in form.
 

@@ -317,9 +317,9 @@ impl<'s> Problem<'s> {
     }
 
     /// Steps of the tilts about the camera's x and y axes (rad) that lower the residuals most, to
-    /// first order, with everything else free: of the tilt that all planes share, then of each frame's
-    /// own. `parameters` tilt an observation's own frame; `stds` are standard deviations of the shared
-    /// tilt and of the frames' own, `state` the tilts in hand (rad).
+    /// first order, with everything else free: of the tilt that all planes share, then of each
+    /// frame's own. `parameters` tilt an observation's own frame; `stds` are standard deviations of
+    /// the shared tilt and of the frames' own, `state` the tilts in hand (rad).
     pub fn tilt_steps(
         &self,
         tracks: &[Track],

@@ -5,7 +5,6 @@ use nalgebra::Vector3;
 use super::{Candidate, enough_tracks};
 use crate::config::{EstimateConfig, Spreading};
 use crate::diagnostics::NoAnswer;
-use crate::estimate::mount_search::plane_tracks;
 use crate::estimate::quality::error_budget::{FEW_ROUNDS, common_errors, freedom_inflation};
 use crate::estimate::{Dataset, angular_bins, daylight};
 use crate::image::Bands;
@@ -34,7 +33,7 @@ pub fn estimate(
     let scatter_of = |o: &Observation| {
         data.backscatter.map_or(ScatterIntegral::default(), |fit| fit.scatter(data, &o.sample))
     };
-    let planes = plane_tracks(data.frames);
+    let planes = data.plane_tracks();
     let tilted = |o: &Observation, tilt: [f64; 2], lamps: Lamps| {
         let (body_from_optical, (instrument, _)) = (data.body_from_optical, data.tilts?);
         let by = Vector3::new(0.0, tilt[0], tilt[1]);

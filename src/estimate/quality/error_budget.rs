@@ -120,8 +120,8 @@ fn slope(points: impl Iterator<Item = (f64, f64)>) -> f64 {
     if variance > 0.0 { ((sum_le - sum_l * sum_e / n) / variance).abs() } else { 0.0 }
 }
 
-/// Factor by which common-mode errors grow where exponent, strobe position, tilts or daylight are free,
-/// per band.
+/// Factor by which common-mode errors grow where exponent, strobe position, tilts or daylight are
+/// free, per band.
 pub fn freedom_inflation(
     data: &Dataset<'_>,
     tracks: &[Track],

@@ -2,8 +2,8 @@
 
 use crate::config::EstimateConfig;
 use crate::diagnostics::NotIdentified;
-use crate::estimate::Dataset;
 use crate::estimate::methods::Candidate;
+use crate::estimate::{CameraTermsFound, Dataset};
 use crate::image::Bands;
 
 /// With fewer frames neither backscatter nor changes of the light can be recognised.
@@ -41,6 +41,9 @@ pub fn not_identified(
     if is_tilt_ambiguous(data) {
         return Some(NotIdentified::TiltsAmbiguous);
     }
+    if may_lamps_differ(data) {
+        return Some(NotIdentified::LampsMayDiffer { lamps: data.lamps.lamps().len() });
+    }
     let model = &candidate.model;
     let alpha = &model.attenuation_per_m[..model.bands];
     if let Some(with) = data.unmodelled_backscatter
@@ -68,6 +71,13 @@ fn is_tilt_ambiguous(data: &Dataset<'_>) -> bool {
     let has_attitude = data.tilts.is_none_or(|(_, [_, of_frame])| of_frame < FREE_TILT_RAD);
     let sets_gain = data.camera.is_some_and(|camera| camera.found.gains || camera.found.law);
     !has_attitude && (sets_gain || data.strobe_is_free)
+}
+
+/// Whether several lamps, for which one beam pattern is fitted, leave what looks like a fault of
+/// the camera: it may be the difference of their patterns.
+fn may_lamps_differ(data: &Dataset<'_>) -> bool {
+    let is_suspect = |found: CameraTermsFound| found.gains || found.law || found.vignetting;
+    data.lamps.lamps().len() > 1 && data.camera.is_some_and(|camera| is_suspect(camera.found))
 }
 
 fn backscatter_ignored(alpha: &[f64], with: &Bands) -> Option<NotIdentified> {

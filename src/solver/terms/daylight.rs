@@ -1,8 +1,8 @@
 //! Daylight on the seafloor (Eq. 3): d_Λ, its light over that of the strobe at a distance of 1 m in
 //! the beam's peak, before the path to the camera.
 //!
-//! Light of lamps and daylight add up, so d is a step of its logarithm from the state in hand. Steps
-//! are not damped: the level that beam pattern and reflectance share moves d with it.
+//! Light of lamps and daylight add up, so d is a step of its logarithm from the state in hand.
+//! Steps are not damped: the level that beam pattern and reflectance share moves d with it.
 
 use super::{Equation, Row, Term};
 use crate::image::Bands;

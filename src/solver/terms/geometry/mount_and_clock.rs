@@ -68,8 +68,8 @@ impl<'s> ShiftedPlanes<'s> {
         self.sample(o.frame, &o.sample)?.path(lamps)
     }
 
-    /// A sample of a frame over the shifted plane. What stands above the plane as given stands above
-    /// the shifted one.
+    /// A sample of a frame over the shifted plane. What stands above the plane as given stands
+    /// above the shifted one.
     pub fn sample(&self, frame: u32, sample: &Sample) -> Option<Sample> {
         let track = self.planes.get(frame as usize)?;
         let (normal, distance) = self.plane(track);
