@@ -29,8 +29,8 @@ facts! {
             remedy("its numbers are no properties of the water; overlap at several altitudes and \
                     measured mounts let attenuation be determined");
         Info "tilts-found" TiltsFound { median_deg: f64, largest_deg: f64 },
-            text("seafloor planes that were assumed level are tilted, as overlapping frames show: by \
-                  {median_deg:.1}° in the median, {largest_deg:.1}° at most"),
+            text("seafloor planes that were assumed level are tilted, as overlapping frames show: \
+                  by {median_deg:.1}° in the median, {largest_deg:.1}° at most"),
             remedy("an attitude sensor, or ranges of several beams, would measure it");
         Info "daylight-found" DaylightFound { share: f64 },
             text("up to {:.0} % of the light of tracked points is daylight (median, brightest \

@@ -18,7 +18,7 @@ use super::samples::FrameSamples;
 use crate::config::Switch;
 use crate::image::Bands;
 use crate::model::{
-    Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterSource, ScatterTable,
+    Backscatter, BeamPattern, Frustum, ImagingModel, ScatterIntegral, ScatterSource, ScatterTable,
 };
 use crate::parallel::join;
 use crate::solver::{
@@ -60,6 +60,11 @@ pub struct BackscatterFit {
 }
 
 impl BackscatterFit {
+    /// With the backscatter of the last solve.
+    pub fn of_model(self, model: &ImagingModel) -> Self {
+        Self { backscatter: model.backscatter.unwrap_or(self.backscatter), ..self }
+    }
+
     /// S_Λ of a sample.
     pub fn scatter(&self, data: &Dataset<'_>, sample: &Sample) -> ScatterIntegral {
         let (x, y, s) = data.ray(sample);

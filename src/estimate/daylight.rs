@@ -54,6 +54,11 @@ pub struct DaylightFit {
 }
 
 impl DaylightFit {
+    /// With the daylight of the last solve.
+    pub fn of_model(self, model: &ImagingModel) -> Self {
+        Self { daylight: model.daylight.unwrap_or(self.daylight), ..self }
+    }
+
     /// Log of the lamps' share of a sample's direct light.
     fn log_lamp_share(&self, sample: &Sample) -> Option<Bands> {
         Some(log_lamp_share(&self.model, &sample.path(self.lamps)?))

@@ -405,20 +405,14 @@ fn finish(
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
         search.std_m = search.std_m.map(|std| std * estimate.inflation);
     }
-    let backscatter = backscatter.map(|mut fit| {
-        fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
-        fit
-    });
+    let backscatter = backscatter.map(|fit| fit.of_model(&estimate.model));
     // Daylight is part of the model that corrects.
     let with_daylight = || raw.data(mounts, strobe.lamps, None);
     let frames = match &daylight {
         Some(_) => direct_light(&with_daylight(), backscatter.as_ref(), None).0,
         None => direct.frames,
     };
-    let daylight = daylight.map(|mut fit| {
-        fit.daylight = estimate.model.daylight.unwrap_or(fit.daylight);
-        fit
-    });
+    let daylight = daylight.map(|fit| fit.of_model(&estimate.model));
     let of_camera = |f: usize| camera.as_ref().map_or([0.0; 3], |c| c.log_gains[f]);
     let log_gain = |(f, gain): (usize, &f64)| of_camera(f).map(|of_camera| of_camera + gain);
     Ok(ModelEstimate {

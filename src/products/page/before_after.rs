@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::super::display::{downscale, exposure, jpeg_uri, srgb_of_rendered, to_srgb};
 use super::super::dive::{CameraLog, CorrectedLog, Images};
 use super::super::messages::messages_by_id;
-use super::{Figure, SHOWN_SIDE, Seen};
+use super::figure::{Figure, SHOWN_SIDE, Seen};
 use crate::error::Result;
 use crate::image::LinearImage;
 use crate::image::decode::{CameraResponse, decode};

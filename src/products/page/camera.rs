@@ -1,8 +1,8 @@
 //! What the log shows of its camera: gain along the dive, vignetting, transfer curve.
 
 use super::super::dive::CameraLog;
-use super::Figure;
 use super::facts::band_names;
+use super::figure::Figure;
 use super::figures::point_styles;
 use crate::image::transfer::Transfer;
 use crate::model::{FrameGainFile, ResponseFile, VignettingFile};

@@ -2,7 +2,7 @@
 
 use super::super::dive::CameraLog;
 use super::facts::{NINETY_FIVE, band_names, time_of};
-use super::{Figure, Seen};
+use super::figure::{Figure, Seen};
 use crate::config::Estimator;
 use crate::model::{BeamPatternFile, EstimatorAnswer, ImageAnswer};
 use crate::plot::{Axis, Plot, Ramp, Shape};

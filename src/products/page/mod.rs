@@ -7,12 +7,15 @@
 mod before_after;
 mod camera;
 mod facts;
+mod figure;
 mod figures;
 mod overview;
 mod stages;
 mod track;
 
 use std::collections::BTreeSet;
+
+use figure::{SHOWN_SIDE, Seen};
 
 use super::display::downscale;
 use super::dive::{CameraLog, CorrectedLog, Images};
@@ -28,63 +31,6 @@ use crate::session::Options;
 const MEANS_OF_FRAMES: usize = 120;
 /// Frames that are shown before and after.
 const SHOWN_FRAMES: usize = 5;
-/// Longest side of a shown image (px).
-const SHOWN_SIDE: usize = 880;
-
-/// A figure, or why there is none.
-pub(super) struct Figure {
-    id: &'static str,
-    title: String,
-    /// HTML
-    body: std::result::Result<String, String>,
-    /// HTML
-    caption: String,
-}
-
-impl Figure {
-    fn of(
-        id: &'static str,
-        title: &str,
-        body: std::result::Result<String, String>,
-        caption: &str,
-    ) -> Self {
-        Self { id, title: title.into(), body, caption: caption.into() }
-    }
-
-    fn html(&self, place: &str) -> String {
-        let id = format!("{place}{}", self.id);
-        match &self.body {
-            Ok(body) => format!(
-                "<figure id=\"{id}\" data-figure=\"{}\"><h3>{}</h3>{body}<output class=\"read\" \
-                 aria-live=\"polite\"></output><figcaption>{}</figcaption></figure>\n",
-                self.id,
-                escape_markup(&self.title),
-                self.caption
-            ),
-            Err(why) => format!(
-                "<section id=\"{id}\" data-figure=\"{}\" class=\"missing\"><h3>{}</h3><p>Not \
-                 shown: {}.</p></section>\n",
-                self.id,
-                escape_markup(&self.title),
-                escape_markup(why)
-            ),
-        }
-    }
-}
-
-/// Images and numbers of a frame that several figures use.
-pub(super) struct Seen {
-    /// index of its record
-    record: usize,
-    altitude_m: f64,
-    /// mean light per band of the raw image
-    mean_light: [f64; 3],
-    bands: usize,
-    /// the raw image, downscaled; of the frames that are shown
-    raw: Option<LinearImage>,
-    /// Fig. 10, of one frame
-    stages: Option<std::result::Result<String, String>>,
-}
 
 /// The page of a corrected log, as HTML.
 ///

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::display::{exposure, jpeg_uri, srgb_of_rendered, to_srgb};
-use super::Figure;
+use super::figure::Figure;
 use crate::image::LinearImage;
 use crate::plot::escape_markup;
 use crate::stats;

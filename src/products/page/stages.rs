@@ -5,7 +5,7 @@
 //! water and get no white balance; the other two get that of the whole log.
 
 use super::super::display::{downscale, exposure, jpeg_uri, to_srgb};
-use super::Figure;
+use super::figure::Figure;
 use crate::config::{Method, WhiteBalance};
 use crate::image::LinearImage;
 use crate::plot::escape_markup;

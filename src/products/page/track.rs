@@ -3,8 +3,8 @@
 
 use super::super::dive::{CameraLog, FrameRecord};
 use super::super::places::{Places, east_north, fix_at, placed};
-use super::Figure;
 use super::facts::time_of;
+use super::figure::Figure;
 use crate::plot::{Axis, Plot, Ramp, Shape, escape_markup};
 use crate::run::bench::Bench;
 
