@@ -182,7 +182,6 @@ impl FrameSamples {
             frame,
             stamp: crate::units::Stamp(3_000_000_000 * frame as i64),
             normal,
-            level_normal: normal,
             camera_altitude_m,
             bands: 3,
             keypoints: Vec::new(),
@@ -196,6 +195,7 @@ impl FrameSamples {
             is_srgb: false,
             distance_m: camera_altitude_m,
             is_level_assumed: false,
+            has_attitude: true,
             planes_around: None,
         }
     }

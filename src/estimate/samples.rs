@@ -51,8 +51,6 @@ pub struct FrameSamples {
     pub stamp: Stamp,
     /// the plane's normal; a sample's own may differ where the ground is not flat
     pub normal: Direction<Body>,
-    /// the same before planes that are assumed level were tilted
-    pub level_normal: Direction<Body>,
     /// height of the camera over it (m)
     pub camera_altitude_m: f64,
     /// bands of the picture
@@ -79,6 +77,8 @@ pub struct FrameSamples {
     pub distance_m: f64,
     /// whether the plane's slopes were taken to be level, for want of beams
     pub is_level_assumed: bool,
+    /// whether the vehicle's attitude is known
+    pub has_attitude: bool,
     /// the planes that many seconds earlier and later, where there are any
     pub planes_around: Option<[(Direction<Body>, f64); 2]>,
 }
@@ -154,7 +154,6 @@ pub fn sample_frame(
         frame,
         stamp,
         normal: view.plane.normal,
-        level_normal: view.plane.normal,
         camera_altitude_m: view.camera_altitude_m(),
         bands: image.bands(),
         keypoints: Vec::new(),
@@ -168,6 +167,7 @@ pub fn sample_frame(
         is_srgb: false,
         distance_m: view.plane.distance_m,
         is_level_assumed: view.plane.support == Support::AssumedLevel,
+        has_attitude: true,
         planes_around: None,
     };
     let Some(coarsest_m) = keypoints_up_to else { return taken };

@@ -11,6 +11,7 @@ use nalgebra::Vector3;
 use super::Dataset;
 use super::Mounts;
 use super::camera_fit::CameraFit;
+use super::other_light::{direct_light, other_light};
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{calibrate, with_law};
@@ -48,9 +49,8 @@ pub fn stds(frames: &[FrameSamples]) -> Option<[f64; 2]> {
     if frames.iter().any(|f| !f.is_level_assumed) {
         return None;
     }
-    let first = frames.first().map(|f| f.level_normal.vector())?;
-    let is_same = |f: &FrameSamples| (f.level_normal.vector() - first).norm() < 1e-9;
-    Some(if frames.iter().all(is_same) { WITHOUT_ATTITUDE } else { WITH_ATTITUDE })
+    let has_attitude = frames.iter().all(|f| f.has_attitude);
+    Some(if has_attitude { WITH_ATTITUDE } else { WITHOUT_ATTITUDE })
 }
 
 /// Tilts that were found.
@@ -73,9 +73,11 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
     let (mut lamps, mut best) = (placed(data), None);
     for _ in 0..TURNS {
         let data = Dataset { lamps, ..*data };
-        let search = Search { data: &data, mounts, stds, config };
+        let (frames, tracks) = without_backscatter(&data, config);
+        let direct = Dataset { frames: &frames, tracks: &tracks, ..data };
+        let search = Search { data: &direct, mounts, stds, config };
         let Some((found, camera)) = search.best() else { break };
-        let (mut frames, mut tracks) = found.applied_to(data.frames, data.tracks, mounts);
+        let (mut frames, mut tracks) = found.applied_to(&frames, &tracks, mounts);
         best = Some(found);
         if mounts.strobe_is_measured {
             break;
@@ -91,6 +93,17 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
         lamps = next;
     }
     best
+}
+
+/// Samples without backscatter over level planes: like a tilt it changes the light with altitude and
+/// across the image.
+fn without_backscatter(
+    data: &Dataset<'_>,
+    config: &EstimateConfig,
+) -> (Vec<FrameSamples>, Vec<Track>) {
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let (found, _) = other_light(data, &data.setup(grid, config), false);
+    direct_light(data, found.as_ref(), None)
 }
 
 /// A search for tilts.

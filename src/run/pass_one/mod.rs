@@ -144,6 +144,7 @@ impl Sampler<'_> {
         sampled.eight_bit = frame.pixels.coding.bits <= 8;
         sampled.mean_reading = frame.pixels.mean_light();
         sampled.is_srgb = frame.pixels.coding.transfer == Transfer::Srgb;
+        sampled.has_attitude = self.session.survey.attitude_topic.is_some();
         sampled.planes_around = self.planes_around(&frame);
         let wants_image = config.render.method.needs_mean_frames();
         let altitude_m = frame.view().camera_altitude_m();
