@@ -12,7 +12,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use crate::error::Result;
 use commands::{
     compare, completions, config, correct, estimate, export, init, inspect, layout, man, mosaic,
-    report,
+    report, table,
 };
 pub use output::Outcome;
 
@@ -33,9 +33,11 @@ enum Command {
     /// Estimate and correct: a dive log in, a corrected log out
     #[command(after_help = "Examples:\n  unwater correct dive.mcap\n  unwater correct dive.mcap \
                             -o clear.mcap --depth 16\n  unwater estimate dive.mcap && unwater \
-                            correct dive_2.mcap --model dive.model.json\n\nExit status: 0 done; \
-                            1 failed, nothing written; 2 bad usage; 3 done, with losses that are \
-                            listed.")]
+                            correct dive_2.mcap --model dive.model.json\n  unwater correct \
+                            dive_1.mcap dive_2.mcap -o corrected --resume\n\nExit status: 0 \
+                            done; 1 failed, nothing written; 2 bad usage; 3 done, with losses \
+                            that are listed. Of several logs it is the worst: 1 where one \
+                            failed.")]
     Correct(correct::Args),
     /// Pass one alone: write a model that corrects this dive, or others of the same water and
     /// strobe
@@ -66,6 +68,10 @@ enum Command {
     /// Write a data set for archives: corrected stills, a table (CSV), an iFDO record
     #[command(after_help = "Examples:\n  unwater export dive.corrected.mcap -o stills")]
     Export(export::Args),
+    /// Print one row per corrected dive: frames, altitude, attenuation, whether it is identified
+    #[command(after_help = "Examples:\n  unwater table dive.corrected.mcap\n  unwater table \
+                            dive.corrected.mcap --csv > dives.csv")]
+    Table(table::Args),
     /// Write a commented rig file with the facts of the log; what is missing is marked to be
     /// filled in
     #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct \
@@ -104,6 +110,7 @@ impl Cli {
             Command::Compare(args) => compare::run(args),
             Command::Mosaic(args) => mosaic::run(args),
             Command::Export(args) => export::run(args),
+            Command::Table(args) => table::run(args),
             Command::Config(args) => config::run(args),
             Command::Layout(args) => layout::run(args),
             Command::Completions(args) => completions::run(args, Self::command()),

@@ -220,6 +220,28 @@ pub struct ImageSource {
     pub records: BTreeMap<FrameId, usize>,
 }
 
+/// Report and model of each camera of a complete output of `correct`, if it was made from this
+/// input with this request; both are fingerprints of its metadata. `None` for any other file.
+pub fn finished(
+    output: &Path,
+    source_sha256: &str,
+    request_sha256: &str,
+) -> Option<Vec<(Report, ModelFile)>> {
+    let recording = Recording::open(output).ok().filter(|r| r.is_complete)?;
+    let cameras = read_cameras(&recording).ok()?;
+    let is_of = |key: &str, value: &str| cameras.iter().all(|c| c.fact(key) == value);
+    let is_same = is_of("source_sha256", source_sha256) && is_of("request_sha256", request_sha256);
+    is_same.then(|| cameras.into_iter().map(|c| (c.report, c.model)).collect())
+}
+
+/// The cameras that were corrected in a log, without their frames.
+///
+/// # Errors
+/// The log cannot be read, or holds no correction.
+pub fn read_cameras(recording: &Recording) -> Result<Vec<CameraLog>> {
+    cameras(recording, &texts(recording)?)
+}
+
 /// Attachments by name, as text.
 fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
     let mut texts = BTreeMap::new();

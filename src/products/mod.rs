@@ -1,12 +1,13 @@
 //! Products from corrected logs: the report page ([`page`]), one frame under every method
-//! ([`sheet`]), a mosaic of the seafloor ([`mosaic`]), and a data set of stills for archives
-//! ([`data_set`]).
+//! ([`sheet`]), a mosaic of the seafloor ([`mosaic`]), a data set of stills for archives
+//! ([`data_set`]), and one row per dive ([`dive_table`]).
 //!
 //! Read-only: nothing computed here enters a corrected log.
 
 pub mod data_set;
 mod display;
 pub mod dive;
+pub mod dive_table;
 mod messages;
 pub mod mosaic;
 pub mod page;

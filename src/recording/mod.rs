@@ -14,8 +14,8 @@ mod source;
 mod write;
 
 pub use read::{
-    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, Message, RawChunk,
-    Recording, Schema, Window,
+    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, LogFiles, Message,
+    RawChunk, Recording, Schema, Window,
 };
 pub use write::{
     NewAttachment, NewChannel, Output, OutputFile, Piece, PieceBytes, check_output_path,

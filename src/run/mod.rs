@@ -31,7 +31,7 @@ use crate::error::{Error, Result};
 use crate::messages::writer::WireFormat;
 use crate::model::ModelFile;
 use crate::parallel::Threads;
-use crate::recording::{Output, check_output_path};
+use crate::recording::{LogFiles, Output, check_output_path};
 use crate::report::Report;
 use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
@@ -43,22 +43,25 @@ pub use frame_corrector::FrameCorrector;
 use output_names::output_wire;
 pub use output_names::{corrected_topic, ensure_not_corrected, method_name, output_container};
 use pass_two::{Input, pass_two};
+pub use ready::request_sha256;
 use ready::{ReadyCamera, only};
 
-/// Estimates a model from one log or several of the same dive, camera and strobe.
+/// Estimates a model from one log or several of the same dive, camera and strobe: paths of files or
+/// of folders, or [`LogFiles`].
 ///
 /// # Errors
 /// A log cannot be used, or attenuation cannot be estimated.
-pub fn estimate_logs(
-    paths: &[&Path],
+pub fn estimate_logs<L: Clone + Into<LogFiles>>(
+    logs: &[L],
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<(ModelFile, Vec<Diagnostic>)> {
     let threads = Threads::new(options.threads);
-    let open = |path: &&Path| {
-        CameraSession::new(&Log::open_with_sha256(path, options, &threads)?, options)
+    let open = |files: &L| {
+        let files = files.clone().into();
+        CameraSession::new(&Log::open_with_sha256(&files, options, &threads)?, options)
     };
-    let sessions = paths.iter().map(open).collect::<Result<Vec<_>>>()?;
+    let sessions = logs.iter().map(open).collect::<Result<Vec<_>>>()?;
     let logs: Vec<&CameraSession> = sessions.iter().collect();
     ensure_same_camera(&logs)?;
     let diagnostics = logs.iter().flat_map(|log| log.survey.diagnostics.clone()).collect();
@@ -77,21 +80,23 @@ pub fn estimate(
     Ok(fit_model_and_yaw(logs, options, &Threads::new(options.threads), progress)?.0)
 }
 
-/// Corrects one camera of a log with a given model, or estimates one first.
+/// Corrects one camera of a log with a given model, or estimates one first. The log is the path of
+/// a file or of a folder, or [`LogFiles`].
 ///
 /// # Errors
 /// Nothing is written under the output's name then. Several cameras of which none is selected are
 /// an error too.
 pub fn correct(
-    input: &Path,
+    input: impl Into<LogFiles>,
     output: &Path,
     model: Option<ModelFile>,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<(Report, ModelFile)> {
-    ensure_writable(input, output, options)?;
+    let input = input.into();
+    ensure_writable(&input, output, options)?;
     let threads = Threads::new(options.threads);
-    let log = Log::open_with_sha256(input, options, &threads)?;
+    let log = Log::open_with_sha256(&input, options, &threads)?;
     let session = CameraSession::new(&log, options)?;
     drop(log); // and the readings of its sensors
     let camera = ReadyCamera::new(session, model, options, &threads, progress)?;
@@ -106,15 +111,16 @@ pub fn correct(
 /// As [`correct`]. A camera that cannot be corrected is left as it is and reported, where another
 /// one can.
 pub fn correct_all(
-    input: &Path,
+    input: impl Into<LogFiles>,
     output: &Path,
     model: Option<ModelFile>,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Vec<(Report, ModelFile)>> {
-    ensure_writable(input, output, options)?;
+    let input = input.into();
+    ensure_writable(&input, output, options)?;
     let threads = Threads::new(options.threads);
-    let log = Log::open_with_sha256(input, options, &threads)?;
+    let log = Log::open_with_sha256(&input, options, &threads)?;
     // A model and a rig file are of one camera.
     let is_of_one = model.is_some() || options.rig.camera != CameraFacts::default();
     let sessions = match CameraSession::new(&log, options) {
@@ -143,9 +149,11 @@ pub fn correct_all(
     }
 }
 
-fn ensure_writable(input: &Path, output: &Path, options: &Options) -> Result<()> {
+fn ensure_writable(input: &LogFiles, output: &Path, options: &Options) -> Result<()> {
     options.config.ensure_valid().map_err(Error::Usage)?;
-    check_output_path(input, output, options.force)?;
+    for file in input.files()? {
+        check_output_path(&file, output, options.force)?;
+    }
     only(options).map(drop)
 }
 

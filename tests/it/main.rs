@@ -9,6 +9,7 @@ mod chunks;
 mod cli;
 mod clock_offsets;
 mod conditions;
+mod cruise;
 mod damage;
 mod docs;
 mod examples;

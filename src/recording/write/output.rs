@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
-use super::super::read::{Channel, Declarations, Message, RawChunk, Schema};
+use super::super::read::{Channel, Declarations, Message, RawChunk, Schema, free_id};
 use super::file::OutputFile;
 use super::piece::{ChunkBuilder, Piece};
 use super::records::{self, MessageHeader};
@@ -160,10 +160,4 @@ impl Output {
     pub fn next_piece(&mut self) -> Option<Piece> {
         self.pieces.pop_front()
     }
-}
-
-/// An unused id: after the last one, else in a gap. 0 means no schema.
-fn free_id<T>(used: &BTreeMap<u16, T>) -> Option<u16> {
-    let next = used.last_key_value().map_or(Some(1), |(last, _)| last.checked_add(1));
-    next.or_else(|| (1..=u16::MAX).find(|id| !used.contains_key(id)))
 }

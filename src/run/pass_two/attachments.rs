@@ -71,6 +71,7 @@ fn describe(camera: &CameraOutput<'_>, report: &Report, file: &mut OutputFile) -
         ("model_sha256", sha256(model.as_bytes())),
         ("source", report.source.clone()),
         ("source_sha256", camera.session.recording.sha256()?.into()),
+        ("request_sha256", camera.request.into()),
         ("configuration", config),
     ];
     let pairs = facts.into_iter().map(|(k, v)| (k.into(), v)).collect();

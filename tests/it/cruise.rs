@@ -1,0 +1,235 @@
+//! Many dives: several logs in one run, and recordings in several files.
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use crate::support::edited::{Record, records, sample, write};
+use unwater::recording::{Entry, LogFiles, Message, Recording, Window};
+
+fn unwater(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_unwater")).args(args).output().expect("the program runs")
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a plain path")
+}
+
+/// A model of the sample, for runs of pass two alone.
+fn model(folder: &Path) -> PathBuf {
+    let model = folder.join("model.json");
+    let ran = unwater(&["estimate", text(&sample()), "-o", text(&model), "-q"]);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    model
+}
+
+/// Messages by topic, in order, without what the program adds about the run itself.
+fn by_topic(path: &Path) -> BTreeMap<String, Vec<(u32, u64, u64, Vec<u8>)>> {
+    let recording = Recording::open(path).expect("a log");
+    let mut topics: BTreeMap<_, Vec<_>> = BTreeMap::new();
+    for entry in recording.messages(Window::ALL) {
+        let Entry::Message(m) = entry else { panic!("{}: damaged", path.display()) };
+        let Message { channel, sequence, log_time, publish_time, .. } = m;
+        let topic = recording.channels[&channel].topic.clone();
+        let message = (sequence, log_time, publish_time, m.data().to_vec());
+        topics.entry(topic).or_default().push(message);
+    }
+    topics
+}
+
+#[test]
+fn one_failing_log_does_not_stop_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = model(folder.path());
+    let of = |name: &str| folder.path().join(name);
+    let (a, bad, b, out) = (of("a.mcap"), of("bad.mcap"), of("b.mcap"), of("out"));
+    std::fs::copy(sample(), &a).unwrap();
+    std::fs::write(&bad, "no log").unwrap();
+    // Another dive: the same without its last frames.
+    let mut fewer = records(&sample());
+    fewer.truncate(fewer.len() * 3 / 4);
+    write(&b, &fewer);
+    let inputs = [text(&a), text(&bad), text(&b)];
+    let common = ["--model", text(&model), "-o", text(&out)];
+    let run = |more: &[&str]| unwater(&[&["correct"], &inputs[..], &common, more].concat());
+    let ran = run(&[]);
+    assert_eq!(ran.status.code(), Some(1), "{}", stderr(&ran));
+    assert!(stderr(&ran).contains("bad.mcap is not an MCAP file"), "{}", stderr(&ran));
+    let printed = String::from_utf8(ran.stdout).unwrap();
+    let table: Vec<&str> = printed.lines().rev().take(4).collect();
+    assert!(table[3].starts_with("log") && table[2].starts_with("a "), "{printed}");
+    assert!(table[1].starts_with("bad") && table[1].ends_with("failed"), "{printed}");
+    assert!(table[0].starts_with("b ") && table[0].ends_with("done"), "{printed}");
+
+    // Each output is that of a run of its own.
+    let alone = of("alone.mcap");
+    let ran = unwater(&["correct", text(&a), "--model", text(&model), "-o", text(&alone), "-q"]);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    let output = out.join("a.corrected.mcap");
+    assert!(std::fs::read(&alone).unwrap() == std::fs::read(&output).unwrap());
+    assert!(!out.join("bad.corrected.mcap").exists() && out.join("b.corrected.mcap").exists());
+
+    // The table of the outputs says the same.
+    let ran = unwater(&["table", text(&output), text(&out.join("b.corrected.mcap")), "--csv"]);
+    let csv = String::from_utf8_lossy(&ran.stdout).into_owned();
+    let value = |row: usize, column: &str| {
+        let at = csv.lines().next().unwrap().split(',').position(|name| name == column).unwrap();
+        csv.lines().nth(row).unwrap().split(',').nth(at).unwrap().to_string()
+    };
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    assert_eq!([value(1, "frames"), value(1, "corrected")], ["20", "20"]);
+    assert_eq!(value(2, "log"), "b.corrected");
+    let [low, alpha, high] =
+        ["_low_95", "", "_high_95"].map(|k| value(1, &format!("attenuation_red{k}_per_m")));
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    assert!(number(&low) < 0.45 && 0.45 < number(&high) && (number(&alpha) - 0.45).abs() < 0.01);
+    assert_eq!(unwater(&["table", text(&bad)]).status.code(), Some(1));
+
+    // Finished work is not repeated, other work under its name is refused.
+    let written = || std::fs::metadata(&output).unwrap().modified().unwrap();
+    let before = written();
+    std::fs::remove_file(out.join("b.corrected.mcap")).unwrap();
+    let ran = run(&["--resume"]);
+    let printed = String::from_utf8_lossy(&ran.stdout).into_owned();
+    assert!(ran.status.code() == Some(1) && printed.contains("done before"), "{printed}");
+    assert!(out.join("b.corrected.mcap").exists() && written() == before);
+    let ran = run(&["--resume", "--json", "--jpeg-quality", "80"]);
+    let documents: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let error = documents[0]["error"].as_str().unwrap();
+    assert!(ran.status.code() == Some(1) && error.contains("exists already"), "{error}");
+    assert_eq!(documents.as_array().unwrap().len(), 3);
+    // Another input under the same name is other work.
+    std::fs::copy(&b, &a).unwrap();
+    let only_a = [&["correct", text(&a), "--resume"], &common[..2], &["-o", text(&output)]];
+    assert_eq!(unwater(&only_a.concat()).status.code(), Some(1));
+    assert!(written() == before);
+}
+
+#[test]
+fn outputs_of_one_name_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let nested = folder.path().join("nested");
+    std::fs::create_dir(&nested).unwrap();
+    let (a, b) = (folder.path().join("a.mcap"), nested.join("a.mcap"));
+    for path in [&a, &b] {
+        std::fs::copy(sample(), path).unwrap();
+    }
+    let out = folder.path().join("out");
+    let ran = unwater(&["correct", text(&a), text(&b), "-o", text(&out)]);
+    assert!(ran.status.code() == Some(2) && stderr(&ran).contains("two logs"), "{}", stderr(&ran));
+    assert!(!out.exists());
+    let ran =
+        unwater(&["correct", text(&a), text(&sample()), "-o", text(&folder.path().join("c.mcap"))]);
+    assert!(ran.status.code() == Some(2) && stderr(&ran).contains("folder"), "{}", stderr(&ran));
+}
+
+/// The sample in three parts, which number their channels each in its own way. Mounts and
+/// calibration are in the first alone.
+fn split(folder: &Path) -> [PathBuf; 3] {
+    std::fs::create_dir_all(folder).unwrap();
+    let all: Vec<Record> = records(&sample());
+    let is_latched = |r: &Record| r.topic == "/tf_static" || r.topic.ends_with("camera_info");
+    let (latched, others): (Vec<Record>, Vec<Record>) = all.into_iter().partition(is_latched);
+    let mut parts: Vec<Vec<Record>> = others.chunks(others.len() / 3 + 1).map(Vec::from).collect();
+    parts[0].splice(0..0, latched);
+    let path = |n: usize| folder.join(format!("dive_{n}.mcap"));
+    parts.iter().enumerate().for_each(|(n, part)| write(&path(n), part));
+    [path(0), path(1), path(2)]
+}
+
+#[test]
+fn the_parts_of_a_recording_are_one_dive() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
+    let parts = split(&bag);
+    let whole = folder.path().join("whole.mcap");
+    let all: Vec<Record> = parts.iter().flat_map(|part| records(part)).collect();
+    write(&whole, &all);
+    let run = |inputs: &[&str], out: &Path| {
+        let ran = unwater(&[&["correct"], inputs, &["-o", text(out)]].concat());
+        assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+        by_topic(out)
+    };
+    let undivided = run(&[text(&whole)], &folder.path().join("undivided.mcap"));
+    let of = |name: &str| folder.path().join(name);
+    let (by_folder, by_parts) = (of("by_folder.mcap"), of("by_parts.mcap"));
+    let of_bag = run(&[text(&bag)], &by_folder);
+    // In any order; the names have it.
+    let of_parts = run(&[text(&parts[2]), text(&parts[0]), text(&parts[1])], &by_parts);
+    assert!(of_bag == of_parts, "folder and parts differ");
+    assert_eq!(of_bag.keys().collect::<Vec<_>>(), undivided.keys().collect::<Vec<_>>());
+    // The notes say how many parts there are.
+    for (topic, messages) in undivided.iter().filter(|(topic, _)| *topic != "/unwater/log") {
+        assert!(of_bag[topic] == *messages, "{topic} differs");
+    }
+    // Every frame is corrected, also at the cuts: its pings are in another part.
+    let recording = Recording::open(&by_folder).unwrap();
+    assert!(recording.is_complete && recording.damage.is_empty());
+    assert_eq!(of_bag["/camera/image_corrected/compressed"].len(), 20);
+    let facts = &recording.metadata.iter().find(|m| m.name == "unwater").unwrap().metadata;
+    assert_eq!(facts["source"], "bag");
+    let source = Recording::open(&bag).unwrap();
+    assert_eq!(facts["source_sha256"], source.sha256().unwrap());
+    let bytes: Vec<u8> = parts.iter().flat_map(|part| std::fs::read(part).unwrap()).collect();
+    assert_eq!(facts["source_sha256"], unwater::session::sha256(&bytes));
+
+    // `metadata.yaml` has the order and the names, also of a part that is missing.
+    let list = |names: &[&str]| {
+        let entries: String = names.iter().map(|name| format!("    - {name}\n")).collect();
+        format!("rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n{entries}")
+    };
+    let listed = of("listed");
+    std::fs::create_dir(&listed).unwrap();
+    for (from, to) in parts.iter().zip(["first.mcap", "second.mcap", "third.mcap"]) {
+        std::fs::copy(from, listed.join(to)).unwrap();
+    }
+    let names = ["first.mcap", "second.mcap", "third.mcap", "fourth.mcap"];
+    std::fs::write(listed.join("metadata.yaml"), list(&names[..3])).unwrap();
+    let paths = |files: LogFiles| files.files().unwrap();
+    assert_eq!(
+        paths((&listed).into()),
+        names[..3].iter().map(|n| listed.join(n)).collect::<Vec<_>>()
+    );
+    std::fs::write(listed.join("metadata.yaml"), list(&names)).unwrap();
+    let ran = unwater(&["correct", text(&listed), "-o", text(&of("lossy.mcap"))]);
+    assert_eq!(ran.status.code(), Some(3), "{}", stderr(&ran));
+    assert!(stderr(&ran).contains("the part fourth.mcap is missing"), "{}", stderr(&ran));
+    let lossy = of("lossy.mcap");
+    let accept = ["correct", text(&listed), "-o", text(&lossy), "--force", "--accept-losses"];
+    let ran = unwater(&accept);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    assert_eq!(by_topic(&lossy).len(), of_bag.len());
+}
+
+#[test]
+fn folders_and_parts_that_are_no_recording_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
+    let parts = split(&bag);
+    // A part alone lacks what the first has.
+    let ran = unwater(&["correct", text(&parts[1])]);
+    assert_eq!(ran.status.code(), Some(1));
+    // A part that the recorder left empty, and one in between that is gone.
+    std::fs::write(bag.join("dive_4.mcap"), "").unwrap();
+    let ran = unwater(&["inspect", text(&bag)]);
+    let printed = String::from_utf8_lossy(&ran.stdout).into_owned();
+    assert_eq!(ran.status.code(), Some(3), "{printed}");
+    for damage in ["dive_3.mcap is missing", "dive_4.mcap is not an MCAP file"] {
+        assert!(printed.contains(damage), "{damage}: {printed}");
+    }
+    // Another log in the folder: which one is meant?
+    std::fs::copy(sample(), bag.join("other.mcap")).unwrap();
+    let ran = unwater(&["correct", text(&bag)]);
+    assert!(
+        ran.status.code() == Some(1) && stderr(&ran).contains("several logs"),
+        "{}",
+        stderr(&ran)
+    );
+    let empty = folder.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let ran = unwater(&["inspect", text(&empty)]);
+    assert!(stderr(&ran).contains("no .mcap file"), "{}", stderr(&ran));
+}
