@@ -65,8 +65,10 @@ enum Command {
                             2025-10-09T08:53:30Z -o segment.png\n\nWith -o MOSAIC.tif a GeoTIFF, \
                             where the log has a position.")]
     Mosaic(mosaic::Args),
-    /// Write a data set for archives: corrected stills, a table (CSV), an iFDO record
-    #[command(after_help = "Examples:\n  unwater export dive.corrected.mcap -o stills")]
+    /// Write a data set for archives: corrected stills, lists for other programs, an iFDO record
+    #[command(after_help = "Examples:\n  unwater export dive.corrected.mcap -o stills\n\nFor the \
+                            iFDO record give --facts and --handle-prefix; docs/report.md lists \
+                            the facts.")]
     Export(export::Args),
     /// Print one row per corrected dive: frames, altitude, attenuation, whether it is identified
     #[command(after_help = "Examples:\n  unwater table dive.corrected.mcap\n  unwater table \

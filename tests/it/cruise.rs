@@ -26,8 +26,11 @@ fn model(folder: &Path) -> PathBuf {
     model
 }
 
+/// Sequence number, log time, publish time and bytes.
+type Bytes = (u32, u64, u64, Vec<u8>);
+
 /// Messages by topic, in order, without what the program adds about the run itself.
-fn by_topic(path: &Path) -> BTreeMap<String, Vec<(u32, u64, u64, Vec<u8>)>> {
+fn by_topic(path: &Path) -> BTreeMap<String, Vec<Bytes>> {
     let recording = Recording::open(path).expect("a log");
     let mut topics: BTreeMap<_, Vec<_>> = BTreeMap::new();
     for entry in recording.messages(Window::ALL) {
