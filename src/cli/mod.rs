@@ -12,7 +12,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use crate::error::Result;
 use commands::{
     compare, completions, config, correct, estimate, export, init, inspect, layout, man, mosaic,
-    report, table,
+    report, table, verify,
 };
 pub use output::Outcome;
 
@@ -70,6 +70,13 @@ enum Command {
                             iFDO record give --facts and --handle-prefix; docs/report.md lists \
                             the facts.")]
     Export(export::Args),
+    /// Check a corrected log: undamaged, nothing of its input missing, and every corrected frame
+    /// follows from its raw frame and the model
+    #[command(after_help = "Examples:\n  unwater verify dive.corrected.mcap\n  unwater verify \
+                            dive.corrected.mcap --against dive.mcap\n\nExit status: 0 as it must \
+                            be; 1 something is wrong; 3 nothing wrong was found, but corrected \
+                            frames could not be compared.")]
+    Verify(verify::Args),
     /// Print one row per corrected dive: frames, altitude, attenuation, whether it is identified
     #[command(after_help = "Examples:\n  unwater table dive.corrected.mcap\n  unwater table \
                             dive.corrected.mcap --csv > dives.csv")]
@@ -112,6 +119,7 @@ impl Cli {
             Command::Compare(args) => compare::run(args),
             Command::Mosaic(args) => mosaic::run(args),
             Command::Export(args) => export::run(args),
+            Command::Verify(args) => verify::run(args),
             Command::Table(args) => table::run(args),
             Command::Config(args) => config::run(args),
             Command::Layout(args) => layout::run(args),

@@ -151,12 +151,11 @@ impl CorrectedLog {
                 seen: self.scanned.channel_list(),
             });
         }
-        let mut options =
-            Options { config: self.config.clone(), rig: camera.rig.clone(), ..options.clone() };
-        options.selection = Selection {
-            camera: Some(topic.into()),
-            dvl: Some(camera.fact("dvl_topic").into()),
-            strobe_frame: None,
+        let mut options = Options {
+            config: self.config.clone(),
+            rig: camera.rig.clone(),
+            selection: camera.selection(images),
+            ..options.clone()
         };
         let mut file = camera.model.clone();
         if images == Images::Corrected {
@@ -243,7 +242,7 @@ pub fn read_cameras(recording: &Recording) -> Result<Vec<CameraLog>> {
 }
 
 /// Attachments by name, as text.
-fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
+pub fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
     let mut texts = BTreeMap::new();
     for attachment in recording.attachments().flatten() {
         // A log that was corrected twice has two of a name; the later one is of the last run.
@@ -254,7 +253,7 @@ fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
 }
 
 /// The cameras of the metadata records, without their frames.
-fn cameras(recording: &Recording, texts: &BTreeMap<String, String>) -> Result<Vec<CameraLog>> {
+pub fn cameras(recording: &Recording, texts: &BTreeMap<String, String>) -> Result<Vec<CameraLog>> {
     let bad = |what: &'static str, reason: String| Error::BadFile {
         path: recording.path().into(),
         what,
@@ -327,6 +326,37 @@ impl CameraLog {
         self.fact(match images {
             Images::Raw => "camera_topic",
             Images::Corrected => "corrected_topic",
+        })
+    }
+
+    /// Its channels.
+    fn selection(&self, images: Images) -> Selection {
+        Selection {
+            camera: Some(self.topic(images).into()),
+            dvl: Some(self.fact("dvl_topic").into()),
+            strobe_frame: None,
+        }
+    }
+
+    /// The segment of the input that was written.
+    pub fn run_window(&self) -> Window {
+        let bound = |key: &str, none| self.fact(key).parse().unwrap_or(none);
+        Window { start: bound("window_start_ns", 0), end: bound("window_end_ns", u64::MAX) }
+    }
+
+    /// Options of the run that corrected the camera; with `is_own`, for the corrected log itself
+    /// instead of its input.
+    ///
+    /// # Errors
+    /// The settings are of another version.
+    pub fn run_options(&self, is_own: bool) -> std::result::Result<Options, String> {
+        Ok(Options {
+            config: Config::from_toml(self.fact("configuration"))?,
+            rig: self.rig.clone(),
+            selection: self.selection(Images::Raw),
+            window: Some(self.run_window()).filter(|window| !is_own && *window != Window::ALL),
+            source_sha256: is_own.then(|| self.fact("source_sha256").into()),
+            ..Options::default()
         })
     }
 

@@ -1,6 +1,7 @@
 //! Products from corrected logs: the report page ([`page`]), one frame under every method
 //! ([`sheet`]), a mosaic of the seafloor ([`mosaic`]), a data set of stills for archives
-//! ([`data_set`]), and one row per dive ([`dive_table`]).
+//! ([`data_set`]), one row per dive ([`dive_table`]),
+//! and whether a corrected log is what it must be ([`verify`]).
 //!
 //! Read-only: nothing computed here enters a corrected log.
 
@@ -13,6 +14,7 @@ pub mod mosaic;
 pub mod page;
 mod places;
 pub mod sheet;
+pub mod verify;
 
 use std::path::Path;
 

@@ -9,10 +9,12 @@
 //! end. **Dropped.** Only what the user excludes (`--drop-raw`, `--only`, `-S`, `-E`), and chunks
 //! with a wrong checksum, which are listed with their time span.
 
+mod digest;
 mod read;
 mod source;
 mod write;
 
+pub use digest::{ChannelDigest, Difference, Fingerprinted};
 pub use read::{
     Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, LogFiles, Message,
     RawChunk, Recording, Schema, Window,

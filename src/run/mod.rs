@@ -24,6 +24,7 @@ mod prepared_model;
 mod ready;
 mod topics;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::diagnostics::{Diagnostic, LogFact};
@@ -31,7 +32,7 @@ use crate::error::{Error, Result};
 use crate::messages::writer::WireFormat;
 use crate::model::ModelFile;
 use crate::parallel::Threads;
-use crate::recording::{LogFiles, Output, check_output_path};
+use crate::recording::{ChannelDigest, LogFiles, Output, check_output_path};
 use crate::report::Report;
 use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
@@ -165,7 +166,6 @@ fn write(
     options: &Options,
     (threads, progress): (&Threads, &dyn Progress),
 ) -> Result<Vec<(Report, ModelFile)>> {
-    let no_camera = || Error::Usage("no camera".into());
     let first = &cameras.first().ok_or_else(no_camera)?.session;
     let wire = output_wire(first);
     // A profile promises how every channel is encoded.
@@ -177,6 +177,47 @@ fn write(
     let file = Output::create(output, profile, &options.config.output)?;
     let outputs = cameras.iter().enumerate().map(|(i, camera)| camera.output(i == 0, wire));
     let input = Input::new(outputs.collect(), options.window(), only(options)?.as_ref());
-    let reports = pass_two(&input.ok_or_else(no_camera)?, file, left_out, threads, progress)?;
+    let input = input.ok_or_else(no_camera)?;
+    let (reports, _) = pass_two(&input, file, left_out, threads, progress)?;
     Ok(reports.into_iter().zip(cameras).map(|(report, c)| (report, c.model.file)).collect())
+}
+
+fn no_camera() -> Error {
+    Error::Usage("no camera".into())
+}
+
+/// Pass two again over the cameras of a log, each with its options and its model, without an
+/// output. Returns fingerprints of the messages that it would add, by topic.
+///
+/// # Errors
+/// As [`correct`].
+pub fn repeat(
+    input: &LogFiles,
+    cameras: Vec<(Options, ModelFile)>,
+    progress: &dyn Progress,
+) -> Result<BTreeMap<String, ChannelDigest>> {
+    let (first, _) = cameras.first().ok_or_else(no_camera)?;
+    // No topic of the input is needed, not even one that was added before.
+    let no_topic = |options: &Options| {
+        let mut options = options.clone();
+        options.config.output.only = Some("^$".into());
+        options
+    };
+    let options = no_topic(first);
+    let threads = Threads::new(options.threads);
+    let log = Log::open_with_sha256(input, &options, &threads)?;
+    let ready = |(options, model): (Options, ModelFile)| {
+        let options = no_topic(&options);
+        let session = CameraSession::new(&log, &options)?;
+        ReadyCamera::new(session, Some(model), &options, &threads, progress)
+    };
+    let cameras = cameras.into_iter().map(ready).collect::<Result<Vec<_>>>()?;
+    drop(log); // and the readings of its sensors
+    let wire = output_wire(&cameras.first().ok_or_else(no_camera)?.session);
+    let outputs = cameras.iter().enumerate().map(|(i, camera)| camera.output(i == 0, wire));
+    let input = Input::new(outputs.collect(), options.window(), only(&options)?.as_ref());
+    let discarded = Output::discarding(&options.config.output);
+    let input = input.ok_or_else(no_camera)?;
+    let (_, output) = pass_two(&input, discarded, Vec::new(), &threads, progress)?;
+    Ok(output.digests())
 }

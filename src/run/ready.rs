@@ -53,7 +53,7 @@ pub fn request_sha256(options: &Options, model: Option<&ModelFile>) -> Result<St
         reason: e.to_string(),
     };
     let model = model.map(ModelFile::to_json).transpose().map_err(failed)?;
-    let Options { config, rig, selection, window, threads: _, force: _ } = options;
+    let Options { config, rig, selection, window, .. } = options;
     let flat_field = rig.camera.flat_field.as_ref().and_then(|path| std::fs::read(path).ok());
     let flat_field = flat_field.map(|bytes| sha256(&bytes));
     let version = env!("CARGO_PKG_VERSION");
@@ -75,6 +75,7 @@ impl ReadyCamera {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let method = options.config.render.method;
+        let source = options.source_sha256.as_deref();
         let request = request_sha256(options, model.as_ref())?;
         let (mut file, means) = match model {
             None => fit_model_and_yaw(&[&session], options, threads, progress)?,
@@ -82,13 +83,13 @@ impl ReadyCamera {
                 (file, MeanFrames::default())
             }
             Some(file) => {
-                let CameraModel { file, .. } = CameraModel::new(&mut session, file, None)?;
+                let CameraModel { file, .. } = CameraModel::new(&mut session, file, source)?;
                 expose(&session, file, options, threads, progress)?
             }
         };
         // Exposure belongs to the model, the treatment of highlights to this run.
         file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
-        let model = CameraModel::new(&mut session, file, None)?;
+        let model = CameraModel::new(&mut session, file, source)?;
         ensure_not_corrected(&session, only(options)?.as_ref())?;
         let missing = session.survey.missing_settings(&model.file);
         session.survey.diagnostics.extend(missing);

@@ -30,6 +30,8 @@ pub struct Options {
     pub threads: usize,
     /// overwrite the output
     pub force: bool,
+    /// fingerprint of the raw log, where the log that is read was corrected before
+    pub source_sha256: Option<String>,
 }
 
 impl Options {

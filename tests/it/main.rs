@@ -28,3 +28,4 @@ mod rendering;
 mod self_calibration;
 mod session;
 mod several_cameras;
+mod verify;

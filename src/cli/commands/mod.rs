@@ -17,3 +17,4 @@ pub mod mosaic;
 pub mod report;
 mod rig_text;
 pub mod table;
+pub mod verify;

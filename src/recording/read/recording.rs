@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::OnceLock;
 
 use mcap::records::{Metadata, Record};
@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 /// An open log.
 #[derive(Default)]
 pub struct Recording {
-    path: PathBuf,
+    files: LogFiles,
     name: String,
     parts: Vec<Part>,
     /// whether it has several parts, so that damage names its own
@@ -63,15 +63,16 @@ impl Recording {
     /// # Errors
     /// As [`Self::open`].
     pub fn open_files(files: &LogFiles) -> Result<Self> {
-        let LogFiles { path, stem, parts, missing } = files.expanded()?;
-        let is_whole = parts.len() == 1 && parts[0] == path;
-        let own_name = || path.file_name().map(|n| n.to_string_lossy().into_owned());
-        let name = if is_whole { own_name().unwrap_or(stem) } else { stem };
+        let files = files.expanded()?;
+        let LogFiles { path, stem, parts, missing } = &files;
+        let own_name = path.file_name().map(|n| n.to_string_lossy().into_owned());
+        let name = own_name.filter(|_| parts.as_slice() == [path.clone()]);
+        let name = name.unwrap_or_else(|| stem.clone());
         let is_split = parts.len() > 1;
         let known = Self { has_summary: true, is_complete: true, ..Self::default() };
-        let mut recording = Self { path, name, is_split, ..known };
+        let mut recording = Self { name, is_split, ..known };
         let (mut unusable, mut first_error) = (Vec::new(), None);
-        for part in &parts {
+        for part in parts {
             match Part::open(part) {
                 Ok((part, index)) => recording.add(part, index)?,
                 Err(error @ Error::NotMcap { .. }) => {
@@ -88,6 +89,7 @@ impl Recording {
         let missing = missing.iter().map(|part| format!("the part {part} is missing"));
         let lost = unusable.into_iter().chain(missing).map(|reason| Damage::at(0, reason));
         recording.damage.extend(lost);
+        recording.files = files;
         Ok(recording)
     }
 
@@ -124,7 +126,12 @@ impl Recording {
 
     /// Path of the file, of the folder, or of the first part.
     pub fn path(&self) -> &Path {
-        &self.path
+        &self.files.path
+    }
+
+    /// What it was opened from.
+    pub fn files(&self) -> &LogFiles {
+        &self.files
     }
 
     /// Name of the file or of the whole recording, without its folder.

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
+use super::super::digest::{ChannelDigest, Fingerprinted};
 use super::super::read::{Channel, Declarations, Message, RawChunk, Schema, free_id};
 use super::file::OutputFile;
 use super::piece::{ChunkBuilder, Piece};
@@ -22,6 +23,8 @@ pub struct Output {
     declarations: Declarations,
     /// next sequence number of added channels
     sequences: BTreeMap<u16, u32>,
+    /// fingerprints of added messages, where nothing is written
+    digests: Option<BTreeMap<u16, ChannelDigest>>,
     open: ChunkBuilder,
     pieces: VecDeque<Piece>,
 }
@@ -36,15 +39,33 @@ impl Output {
         profile: &str,
         config: &OutputConfig,
     ) -> Result<(Self, OutputFile)> {
-        let output = Self {
+        Ok((Self::empty(config), OutputFile::create(target, profile)?))
+    }
+
+    /// An output that is not written: what remains of it are the fingerprints of added messages.
+    pub fn discarding(config: &OutputConfig) -> (Self, OutputFile) {
+        let output = Self { digests: Some(BTreeMap::new()), ..Self::empty(config) };
+        (output, OutputFile::discarding())
+    }
+
+    fn empty(config: &OutputConfig) -> Self {
+        Self {
             compression: config.compression,
             chunk_size: usize::try_from(config.chunk_size_mib << 20).unwrap_or(usize::MAX),
             declarations: Declarations::default(),
             sequences: BTreeMap::new(),
+            digests: None,
             open: ChunkBuilder::default(),
             pieces: VecDeque::new(),
-        };
-        Ok((output, OutputFile::create(target, profile)?))
+        }
+    }
+
+    /// Fingerprints of added messages by topic, one by one; empty where the output was written.
+    pub fn digests(self) -> BTreeMap<String, ChannelDigest> {
+        let channels = &self.declarations.channels;
+        let named =
+            |(id, digest): (u16, ChannelDigest)| Some((channels.get(&id)?.topic.clone(), digest));
+        self.digests.unwrap_or_default().into_iter().filter_map(named).collect()
     }
 
     /// Schemas and channels so far.
@@ -138,7 +159,10 @@ impl Output {
         let next = self.sequences.entry(channel.0).or_default();
         let header = MessageHeader { channel: channel.0, sequence: *next, log_time, publish_time };
         *next = next.wrapping_add(1);
-        self.push(&header, data);
+        let Some(digests) = &mut self.digests else { return self.push(&header, data) };
+        let digest = digests.entry(channel.0).or_insert_with(|| ChannelDigest::of_groups(1));
+        let sequence = header.sequence;
+        digest.add(Fingerprinted { sequence, log_time, publish_time, data });
     }
 
     fn push(&mut self, header: &MessageHeader, data: &[u8]) {

@@ -41,8 +41,8 @@ struct Account {
     report: Report,
 }
 
-/// Writes the corrected log; returns a report for each camera. Cameras that are left out stand in
-/// the first one.
+/// Writes the corrected log; returns a report for each camera, and the output's contents. Cameras
+/// that are left out stand in the first one.
 ///
 /// # Errors
 /// Reading or writing failed.
@@ -52,7 +52,7 @@ pub fn pass_two(
     left_out: Vec<Diagnostic>,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<Vec<Report>> {
+) -> Result<(Vec<Report>, Output)> {
     let mut writer = Writer { input, out, accounts: Vec::new(), copied: 0, progress };
     let diagnostics = writer.declare()?;
     let frames = input.cameras.iter().map(|c| c.session.survey.frames.len()).sum();
@@ -157,7 +157,7 @@ impl Writer<'_> {
         file: OutputFile,
         diagnostics: Vec<Diagnostic>,
         left_out: Vec<Diagnostic>,
-    ) -> Result<Vec<Report>> {
+    ) -> Result<(Vec<Report>, Output)> {
         let finished = |Account { tally, mut report, .. }: Account| {
             tally.into_report(&mut report);
             report
@@ -172,6 +172,6 @@ impl Writer<'_> {
             report.diagnostics.extend(left_out);
         }
         attachments::finish(self.input, &self.out, file, &mut reports)?;
-        Ok(reports)
+        Ok((reports, self.out))
     }
 }
