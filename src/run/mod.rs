@@ -2,9 +2,10 @@
 //! (pass two).
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
-//! `fit`, `dvl_yaw`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
+//! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
 //! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`.
 
+mod beam_from;
 pub mod bench;
 mod camera_model;
 mod camera_output;
@@ -37,8 +38,8 @@ use crate::report::Report;
 use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
 
+use beam_from::fit_log;
 pub use corrector::CorrectedFrame;
-use dvl_yaw::fit_model_and_yaw;
 use fit::ensure_same_camera;
 pub use frame_corrector::FrameCorrector;
 use output_names::output_wire;
@@ -66,7 +67,7 @@ pub fn estimate_logs<L: Clone + Into<LogFiles>>(
     let logs: Vec<&CameraSession> = sessions.iter().collect();
     ensure_same_camera(&logs)?;
     let diagnostics = logs.iter().flat_map(|log| log.survey.diagnostics.clone()).collect();
-    Ok((fit_model_and_yaw(&logs, options, &threads, progress)?.0, diagnostics))
+    Ok((fit_log(&logs, options, &threads, progress)?.0, diagnostics))
 }
 
 /// Estimates a model from surveyed logs of one camera.
@@ -78,7 +79,7 @@ pub fn estimate(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<ModelFile> {
-    Ok(fit_model_and_yaw(logs, options, &Threads::new(options.threads), progress)?.0)
+    Ok(fit_log(logs, options, &Threads::new(options.threads), progress)?.0)
 }
 
 /// Corrects one camera of a log with a given model, or estimates one first. The log is the path of

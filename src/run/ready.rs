@@ -13,10 +13,10 @@ use crate::session::survey::rig_facts;
 use crate::session::{CameraSession, FrameGains, Options, Progress, sha256};
 use crate::vehicle::Rig;
 
+use super::beam_from::fit_log;
 use super::camera_model::CameraModel;
 use super::camera_output::CameraOutput;
 use super::corrector::Corrector;
-use super::dvl_yaw::fit_model_and_yaw;
 use super::model_of::{exposure, strobe_of};
 use super::output_names::{camera_name, ensure_not_corrected};
 use super::pass_one::PassOne;
@@ -53,11 +53,12 @@ pub fn request_sha256(options: &Options, model: Option<&ModelFile>) -> Result<St
         reason: e.to_string(),
     };
     let model = model.map(ModelFile::to_json).transpose().map_err(failed)?;
-    let Options { config, rig, selection, window, .. } = options;
+    let Options { config, rig, selection, window, beam_from, .. } = options;
+    let shared = beam_from.as_deref().map(ModelFile::to_json).transpose().map_err(failed)?;
     let flat_field = rig.camera.flat_field.as_ref().and_then(|path| std::fs::read(path).ok());
     let flat_field = flat_field.map(|bytes| sha256(&bytes));
     let version = env!("CARGO_PKG_VERSION");
-    let request = (version, config, rig, selection, window, flat_field, model);
+    let request = (version, config, rig, selection, window, flat_field, model, shared);
     Ok(sha256(format!("{request:?}").as_bytes()))
 }
 
@@ -78,7 +79,7 @@ impl ReadyCamera {
         let source = options.source_sha256.as_deref();
         let request = request_sha256(options, model.as_ref())?;
         let (mut file, means) = match model {
-            None => fit_model_and_yaw(&[&session], options, threads, progress)?,
+            None => fit_log(&[&session], options, threads, progress)?,
             Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
                 (file, MeanFrames::default())
             }

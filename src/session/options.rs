@@ -1,6 +1,9 @@
 //! What a run is given beside its input, and whom it reports its progress to.
 
+use std::sync::Arc;
+
 use crate::config::Config;
+use crate::model::ModelFile;
 use crate::recording::Window;
 use crate::vehicle::RigFile;
 
@@ -30,6 +33,9 @@ pub struct Options {
     pub threads: usize,
     /// overwrite the output
     pub force: bool,
+    /// a model whose beam pattern, strobe position, transfer curve and vignetting are used; only
+    /// attenuation is estimated
+    pub beam_from: Option<Arc<ModelFile>>,
     /// fingerprint of the raw log, where the log that is read was corrected before
     pub source_sha256: Option<String>,
 }

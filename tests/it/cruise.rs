@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use crate::support::edited::{Record, records, sample, write};
+use crate::support::judge::assert_within;
+use crate::support::render::Dive;
 use unwater::recording::{Entry, LogFiles, Message, Recording, Window};
 
 fn unwater(args: &[&str]) -> Output {
@@ -235,4 +237,66 @@ fn folders_and_parts_that_are_no_recording_are_named() {
     std::fs::create_dir(&empty).unwrap();
     let ran = unwater(&["inspect", text(&empty)]);
     assert!(stderr(&ran).contains("no .mcap file"), "{}", stderr(&ran));
+}
+
+/// Attenuation of a model file, with its standard deviation.
+fn attenuation(path: &Path) -> (Vec<f64>, Vec<f64>, serde_json::Value) {
+    let model: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
+    let of = |key: &str| -> Vec<f64> {
+        model[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect()
+    };
+    (of("attenuation_per_m"), of("attenuation_std_per_m"), model)
+}
+
+#[test]
+fn one_strobe_measures_other_waters() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |name: &str| folder.path().join(name);
+    let dive = |seed, frames, attenuation_per_m| Dive {
+        seed,
+        frames,
+        attenuation_per_m,
+        width: 288,
+        height: 216,
+        focal_px: 340.0,
+        ..Dive::default()
+    };
+    let truth = [0.62, 0.21, 0.14];
+    dive(3, 40, Dive::default().attenuation_per_m).write(&of("long.mcap"));
+    dive(8, 12, truth).write(&of("short.mcap"));
+    let estimate = |log: &str, model: &str, more: &[&str]| {
+        let (log, model) = (of(log), of(model));
+        let ran = unwater(&[&["estimate", text(&log), "-o", text(&model), "-q"], more].concat());
+        assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+        attenuation(&model)
+    };
+    let (_, _, long) = estimate("long.mcap", "long.json", &[]);
+    let shared = of("long.json");
+    let (alpha, std, short) = estimate("short.mcap", "short.json", &["--beam-from", text(&shared)]);
+    let (free, free_std, _) = estimate("short.mcap", "free.json", &[]);
+    for band in 0..3 {
+        let name = ["red", "green", "blue"][band];
+        println!("free: {name} {} ± {}", free[band] - truth[band], free_std[band]);
+        println!("shared beam: {name} {} ± {}", alpha[band] - truth[band], std[band]);
+        assert_within(&format!("shared beam: {name} [1/m]"), alpha[band] - truth[band], 0.003);
+        assert!(std[band] > 0.0 && std[band] < free_std[band], "{std:?}");
+    }
+    assert_eq!(short["beam_pattern"], long["beam_pattern"]);
+    assert_eq!(short["strobe"], long["strobe"]);
+    assert!(short["diagnostics"].to_string().contains("beam-from"));
+    assert_eq!(short["inputs"][0]["name"], "short.mcap");
+    // `correct` does the same in one run.
+    let (log, out) = (of("short.mcap"), of("out.mcap"));
+    let ran = unwater(&["correct", text(&log), "-o", text(&out), "--beam-from", text(&shared)]);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    let recording = Recording::open(&out).unwrap();
+    let model = recording.attachments().flatten().find(|a| a.name == "model.json").unwrap();
+    let model: serde_json::Value =
+        serde_json::from_slice(&recording.attachment_data(&model).unwrap()).unwrap();
+    assert_eq!(model["attenuation_per_m"], short["attenuation_per_m"]);
+    let ran = unwater(&["verify", text(&out), "--against", text(&log)]);
+    assert_eq!(ran.status.code(), Some(0), "{}", String::from_utf8_lossy(&ran.stdout));
+    let both = ["correct", text(&log), "--beam-from", text(&shared), "--model", text(&shared)];
+    assert_eq!(unwater(&both).status.code(), Some(2));
 }

@@ -1,6 +1,7 @@
 //! `correct` of one log: both passes, or pass two alone with a given model.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::super::args::{
@@ -41,6 +42,10 @@ pub struct Args {
     /// Print the report as JSON
     #[arg(long)]
     pub json: bool,
+    /// Estimate attenuation alone; beam pattern, strobe position, transfer curve and vignetting are
+    /// those of this model, of another dive with the same strobe
+    #[arg(long, value_name = "MODEL.json", conflicts_with = "model")]
+    beam_from: Option<PathBuf>,
     #[command(flatten)]
     log: LogArgs,
     #[command(flatten)]
@@ -77,7 +82,8 @@ impl<'a> Run<'a> {
     /// What the arguments ask for.
     pub fn new(args: &'a Args) -> Result<Self> {
         let options = args.log.options(&[&args.estimate, &args.render, &args.output_options])?;
-        let options = Options { force: args.out.force, ..options };
+        let beam_from = read_model(args.beam_from.as_deref())?.map(Arc::new);
+        let options = Options { force: args.out.force, beam_from, ..options };
         if args.output.as_deref().is_some_and(is_stdout) {
             return Err(Error::Usage("cannot write a corrected log to stdout; use -o FILE".into()));
         }
@@ -110,7 +116,10 @@ impl Run<'_> {
             }
             return Ok(Finished { cameras, is_skipped: true });
         }
-        for read in [&args.model, &args.log.rig, &args.log.settings.config].into_iter().flatten() {
+        for read in [&args.model, &args.beam_from, &args.log.rig, &args.log.settings.config]
+            .into_iter()
+            .flatten()
+        {
             check_output_path(read, output, true)?;
         }
         let start = Instant::now();

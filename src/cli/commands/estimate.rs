@@ -1,8 +1,9 @@
 //! `estimate`: pass one over one log or several, a model out.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use super::super::args::{EstimateOptions, LogArgs, OutputArgs};
+use super::super::args::{EstimateOptions, LogArgs, OutputArgs, read_model};
 use super::super::color::Paint;
 use super::super::output::{
     Outcome, is_stdout, print, print_diagnostics, print_written, write_text,
@@ -12,6 +13,7 @@ use super::super::summary;
 use crate::error::{Error, Result};
 use crate::recording::{LogFiles, check_output_path};
 use crate::run;
+use crate::session::Options;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -21,6 +23,10 @@ pub struct Args {
     /// Where the model is written [default: IN.model.json beside the first IN; - for stdout]
     #[arg(short, long, value_name = "MODEL.json")]
     output: Option<PathBuf>,
+    /// Estimate attenuation alone; beam pattern, strobe position, transfer curve and vignetting are
+    /// those of this model, of another dive with the same strobe
+    #[arg(long, value_name = "MODEL.json")]
+    beam_from: Option<PathBuf>,
     #[command(flatten)]
     log: LogArgs,
     #[command(flatten)]
@@ -33,7 +39,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let options = args.log.options(&[&args.estimate])?;
+    let beam_from = read_model(args.beam_from.as_deref())?.map(Arc::new);
+    let options = Options { beam_from, ..args.log.options(&[&args.estimate])? };
     let logs = LogFiles::group(&args.inputs);
     let default = || logs.first().map(|log| log.beside("model.json")).unwrap_or_default();
     let output = args.output.clone().unwrap_or_else(default);
