@@ -133,6 +133,9 @@ pub mod run;
 #[doc(hidden)]
 pub mod products;
 
+#[doc(hidden)]
+pub mod import;
+
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

@@ -11,8 +11,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::error::Result;
 use commands::{
-    compare, completions, config, correct, estimate, export, init, inspect, layout, man, mosaic,
-    report, table, verify,
+    compare, completions, config, correct, estimate, export, import, init, inspect, layout, man,
+    mosaic, report, table, verify,
 };
 pub use output::Outcome;
 
@@ -81,6 +81,13 @@ enum Command {
     #[command(after_help = "Examples:\n  unwater table dive.corrected.mcap\n  unwater table \
                             dive.corrected.mcap --csv > dives.csv")]
     Table(table::Args),
+    /// Make a log of a folder of still images and a navigation table
+    #[command(
+        after_help = "Examples:\n  unwater import stills/images --table stills/images.csv -o \
+                            stills.mcap --horizontal-fov 45\n\nThe columns are found by their \
+                            names; docs/cruise.md lists them."
+    )]
+    Import(import::Args),
     /// Write a commented rig file with the facts of the log; what is missing is marked to be
     /// filled in
     #[command(after_help = "Examples:\n  unwater init dive.mcap -o rig.toml\n  unwater correct \
@@ -114,6 +121,7 @@ impl Cli {
             Command::Correct(args) => correct::run(args),
             Command::Estimate(args) => estimate::run(args),
             Command::Inspect(args) => inspect::run(args),
+            Command::Import(args) => import::run(args),
             Command::Init(args) => init::run(args),
             Command::Report(args) => report::run(args),
             Command::Compare(args) => compare::run(args),

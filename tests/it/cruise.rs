@@ -300,3 +300,74 @@ fn one_strobe_measures_other_waters() {
     let both = ["correct", text(&log), "--beam-from", text(&shared), "--model", text(&shared)];
     assert_eq!(unwater(&both).status.code(), Some(2));
 }
+
+#[test]
+fn stills_and_a_table_become_a_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |name: &str| folder.path().join(name);
+    let model = model(folder.path());
+    let (corrected, stills, log) = (of("corrected.mcap"), of("stills"), of("stills.mcap"));
+    let sample = sample();
+    for args in [
+        &["correct", text(&sample), "--model", text(&model), "-o", text(&corrected), "-q"][..],
+        &["export", text(&corrected), "-o", text(&stills), "-q"],
+    ] {
+        let ran = unwater(args);
+        assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    }
+    // A table as an archive has it, in local time, and one row too many.
+    let table = of("nav.csv");
+    let rows = std::fs::read_to_string(stills.join("squidle.csv")).unwrap();
+    std::fs::write(
+        &table,
+        format!("{rows}lost,images/lost.jpg,{},,,,,2,0,0,0\n", "2025-06-15 16:00:00"),
+    )
+    .unwrap();
+    let import = |more: &[&str]| {
+        let args = ["import", text(&stills), "--table", text(&table), "-o", text(&log), "--force"];
+        unwater(&[&args[..], more].concat())
+    };
+    let ran = import(&["--horizontal-fov", "45"]);
+    assert_eq!(ran.status.code(), Some(3), "{}", stderr(&ran));
+    assert!(stderr(&ran).contains("images/lost.jpg"), "{}", stderr(&ran));
+    let recording = Recording::open(&log).unwrap();
+    assert!(recording.is_complete && recording.damage.is_empty());
+    let topics = by_topic(&log);
+    assert_eq!(topics["/camera/image_raw/compressed"].len(), 20);
+    assert_eq!(topics["/altimeter"].len(), 20);
+    for (row, (_, log_time, _, message)) in
+        rows.lines().skip(1).zip(&topics["/camera/image_raw/compressed"])
+    {
+        let cells: Vec<&str> = row.split(',').collect();
+        let still = std::fs::read(stills.join(cells[1])).unwrap();
+        assert!(message.windows(still.len()).any(|w| w == still), "{}", cells[1]);
+        let millis = humantime::format_rfc3339_millis(
+            std::time::UNIX_EPOCH + std::time::Duration::from_nanos(*log_time),
+        );
+        assert_eq!(millis.to_string(), cells[2].replace(' ', "T") + "Z");
+    }
+    // Every other command reads it: the altitudes are those of the table.
+    let ran = unwater(&["inspect", text(&log), "--json"]);
+    let document: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
+    assert_eq!(ran.status.code(), Some(0), "{document}");
+    let out = of("again.mcap");
+    let ran = unwater(&["correct", text(&log), "-o", text(&out), "--json"]);
+    let report: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
+    assert_eq!(report["corrected"], 20, "{}", stderr(&ran));
+    let altitudes: Vec<f64> =
+        rows.lines().skip(1).filter_map(|row| row.split(',').nth(7)?.parse().ok()).collect();
+    let lowest = altitudes.iter().copied().fold(f64::INFINITY, f64::min);
+    let off = report["camera_altitude_m"][0].as_f64().unwrap() - lowest;
+    assert_within("import: lowest altitude [m]", off, 0.06);
+    // In another zone the times are others; what is no table is named.
+    let ran = import(&["--utc-offset", "-10:00", "-q"]);
+    assert_eq!(ran.status.code(), Some(3));
+    let shifted = by_topic(&log);
+    let first = |topics: &BTreeMap<String, Vec<Bytes>>| topics["/altimeter"][0].1;
+    assert_eq!(first(&shifted) - first(&topics), 36_000_000_000_000);
+    std::fs::write(&table, "filename,lat\na.jpg,3\n").unwrap();
+    std::fs::remove_file(&log).unwrap();
+    let ran = import(&[]);
+    assert!(ran.status.code() == Some(1) && stderr(&ran).contains("the time"), "{}", stderr(&ran));
+    assert!(!log.exists());
+}

@@ -8,6 +8,7 @@ mod correct_log;
 mod correct_many;
 pub mod estimate;
 pub mod export;
+pub mod import;
 pub mod init;
 pub mod inspect;
 mod inspect_text;

@@ -8,7 +8,8 @@ use super::super::args::ThreadArgs;
 use super::super::color::Paint;
 use super::super::output::{Outcome, print, print_json};
 use super::super::progress::Bar;
-use crate::error::Result;
+use crate::diagnostics::Severity;
+use crate::error::{Error, Result};
 use crate::products::verify::{Verification, verify};
 use crate::recording::LogFiles;
 
@@ -35,7 +36,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let input = match inputs.as_slice() {
         [] => None,
         [one] => Some(one),
-        _ => return Err(crate::error::Error::Usage("--against takes one log".into())),
+        _ => return Err(Error::Usage("--against takes one log".into())),
     };
     let bar = Bar::new(args.quiet || args.json);
     let found = verify(&args.output, input, args.threads.threads, &bar)?;
@@ -63,7 +64,9 @@ fn text(found: &Verification, args: &Args, has_input: bool) -> String {
     let paint = Paint::of_stdout();
     let mut text = String::new();
     for diagnostic in &found.diagnostics {
-        text += &format!("{} {}\n", paint.warning("wrong:"), diagnostic.with_remedy());
+        let is_wrong = diagnostic.severity() == Severity::Loss;
+        let word = paint.warning(if is_wrong { "wrong:" } else { "note:" });
+        text += &format!("{word} {}\n", diagnostic.with_remedy());
     }
     if args.quiet {
         return text;
