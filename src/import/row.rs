@@ -127,7 +127,7 @@ pub fn rows(table: &Table, utc_offset_s: i64) -> Result<(Vec<Row>, Vec<String>),
         let (heading, pitch, roll) =
             (value(Quantity::Heading)?, value(Quantity::Pitch)?, value(Quantity::Roll)?);
         let has_attitude = pitch.is_some() && roll.is_some();
-        let attitude_rad = [heading, pitch, roll].map(|angle| angle.unwrap_or_default());
+        let attitude_rad = [heading, pitch, roll].map(Option::unwrap_or_default);
         found.push(Row {
             file: name.into(),
             stamp_ns,
