@@ -11,8 +11,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::error::Result;
 use commands::{
-    compare, completions, config, correct, estimate, export, import, init, inspect, layout, man,
-    mosaic, report, table, verify,
+    compare, completions, config, correct, estimate, export, import, init, inspect, join, layout,
+    man, mosaic, report, table, verify,
 };
 pub use output::Outcome;
 
@@ -77,6 +77,15 @@ enum Command {
                             be; 1 something is wrong; 3 nothing wrong was found, but corrected \
                             frames could not be compared.")]
     Verify(verify::Args),
+    /// Join the parts that `correct --shard` wrote: the bytes of the undivided run
+    #[command(
+        after_help = "Examples:\n  unwater estimate dive.mcap -o dive.model.json --force\n  \
+                            unwater correct dive.mcap --model dive.model.json --shard 1/2\n  \
+                            unwater correct dive.mcap --model dive.model.json --shard 2/2\n  \
+                            unwater join dive.shard-1-of-2.mcap dive.shard-2-of-2.mcap -o \
+                            joined.mcap"
+    )]
+    Join(join::Args),
     /// Print one row per corrected dive: frames, altitude, attenuation, whether it is identified
     #[command(after_help = "Examples:\n  unwater table dive.corrected.mcap\n  unwater table \
                             dive.corrected.mcap --csv > dives.csv")]
@@ -128,6 +137,7 @@ impl Cli {
             Command::Mosaic(args) => mosaic::run(args),
             Command::Export(args) => export::run(args),
             Command::Verify(args) => verify::run(args),
+            Command::Join(args) => join::run(args),
             Command::Table(args) => table::run(args),
             Command::Config(args) => config::run(args),
             Command::Layout(args) => layout::run(args),

@@ -16,7 +16,8 @@ use crate::model::ModelFile;
 use crate::recording::{FrameId, Message, Recording, Window};
 use crate::report::Report;
 use crate::run::bench::Bench;
-use crate::session::{CameraSession, FrameRef, Log, Options, Selection, Threads};
+use crate::run::shard_of;
+use crate::session::{CameraSession, FrameRef, Log, Options, Selection, Shard, Threads};
 use crate::units::Stamp;
 use crate::vehicle::RigFile;
 
@@ -223,13 +224,14 @@ pub struct ImageSource {
 /// input with this request; both are fingerprints of its metadata. `None` for any other file.
 pub fn finished(
     output: &Path,
-    source_sha256: &str,
-    request_sha256: &str,
+    (source_sha256, request_sha256): (&str, &str),
+    shard: Option<Shard>,
 ) -> Option<Vec<(Report, ModelFile)>> {
     let recording = Recording::open(output).ok().filter(|r| r.is_complete)?;
     let cameras = read_cameras(&recording).ok()?;
     let is_of = |key: &str, value: &str| cameras.iter().all(|c| c.fact(key) == value);
     let is_same = is_of("source_sha256", source_sha256) && is_of("request_sha256", request_sha256);
+    let is_same = is_same && shard_of(&recording) == shard;
     is_same.then(|| cameras.into_iter().map(|c| (c.report, c.model)).collect())
 }
 

@@ -7,12 +7,12 @@ use std::path::Path;
 use super::dive::{CameraLog, Images, cameras, texts};
 use crate::config::Config;
 use crate::diagnostics::{Diagnostic, Severity, VerifyFact};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::recording::{
     ChannelDigest, Damage, Entry, Fingerprinted, LogFiles, Message, Recording, Window,
 };
-use crate::run::repeat;
-use crate::session::{Options, Progress, sha256};
+use crate::run::{repeat, shard_of};
+use crate::session::{Options, Progress, Shard, sha256};
 
 /// Messages of the input are compared so many at a time.
 const GROUP: u64 = 64;
@@ -56,6 +56,10 @@ pub fn verify(
     progress: &dyn Progress,
 ) -> Result<Verification> {
     let output = Recording::open(path)?;
+    if let Some(Shard { index, count }) = shard_of(&output) {
+        let reason = format!("it is part {index} of {count}: join all parts first");
+        return Err(Error::BadFile { path: path.into(), what: "no whole log", reason });
+    }
     let texts = texts(&output)?;
     let cameras = cameras(&output, &texts)?;
     let config = texts.get("unwater.toml").and_then(|text| Config::from_toml(text).ok());

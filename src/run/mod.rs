@@ -3,7 +3,7 @@
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
 //! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
-//! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`.
+//! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`, `join`.
 
 mod beam_from;
 pub mod bench;
@@ -14,6 +14,7 @@ mod corrector;
 mod dvl_yaw;
 mod fit;
 mod frame_corrector;
+mod join;
 pub mod memory;
 mod model_of;
 mod mount_check;
@@ -42,6 +43,7 @@ use beam_from::fit_log;
 pub use corrector::CorrectedFrame;
 use fit::ensure_same_camera;
 pub use frame_corrector::FrameCorrector;
+pub use join::{join, shard_of};
 use output_names::output_wire;
 pub use output_names::{corrected_topic, ensure_not_corrected, method_name, output_container};
 use pass_two::{Input, pass_two};
@@ -178,7 +180,8 @@ fn write(
     let file = Output::create(output, profile, &options.config.output)?;
     let outputs = cameras.iter().enumerate().map(|(i, camera)| camera.output(i == 0, wire));
     let input = Input::new(outputs.collect(), options.window(), only(options)?.as_ref());
-    let input = input.ok_or_else(no_camera)?;
+    let mut input = input.ok_or_else(no_camera)?;
+    input.shard = options.shard;
     let (reports, _) = pass_two(&input, file, left_out, threads, progress)?;
     Ok(reports.into_iter().zip(cameras).map(|(report, c)| (report, c.model.file)).collect())
 }

@@ -28,4 +28,5 @@ mod rendering;
 mod self_calibration;
 mod session;
 mod several_cameras;
+mod shards;
 mod verify;

@@ -18,7 +18,7 @@ use crate::products::dive::finished;
 use crate::recording::{LogFiles, Recording, check_output_path};
 use crate::report::Report;
 use crate::run;
-use crate::session::Options;
+use crate::session::{Options, Shard};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -33,6 +33,10 @@ pub struct Args {
     /// Use a model estimated before, from this dive or another (pass two alone)
     #[arg(long, value_name = "MODEL.json")]
     model: Option<PathBuf>,
+    /// Correct the frames of part I of N only (I from 1 to N); `unwater join` makes one log of all
+    /// parts
+    #[arg(long, value_name = "I/N", requires = "model")]
+    shard: Option<Shard>,
     /// Skip logs whose output exists and was made from the same input with the same options
     #[arg(long)]
     resume: bool,
@@ -83,7 +87,8 @@ impl<'a> Run<'a> {
     pub fn new(args: &'a Args) -> Result<Self> {
         let options = args.log.options(&[&args.estimate, &args.render, &args.output_options])?;
         let beam_from = read_model(args.beam_from.as_deref())?.map(Arc::new);
-        let options = Options { force: args.out.force, beam_from, ..options };
+        let (force, shard) = (args.out.force, args.shard);
+        let options = Options { force, beam_from, shard, ..options };
         if args.output.as_deref().is_some_and(is_stdout) {
             return Err(Error::Usage("cannot write a corrected log to stdout; use -o FILE".into()));
         }
@@ -98,13 +103,21 @@ impl<'a> Run<'a> {
 impl Run<'_> {
     /// The only log of a run.
     pub fn one(&self, log: &LogFiles) -> Result<Outcome> {
-        let default = || log.beside("corrected.mcap");
+        let default = || self.beside(log);
         let output = self.args.output.clone().unwrap_or_else(default);
         let Finished { cameras, .. } = self.correct(log, &output)?;
         if self.args.json {
             print_json(reports_json(&cameras))?;
         }
         Ok(outcome(&cameras))
+    }
+
+    /// Where a log is written by default.
+    pub fn beside(&self, log: &LogFiles) -> PathBuf {
+        match self.args.shard {
+            None => log.beside("corrected.mcap"),
+            Some(Shard { index, count }) => log.beside(&format!("shard-{index}-of-{count}.mcap")),
+        }
     }
 
     /// Corrects one log, and prints what came of it.
@@ -139,7 +152,8 @@ impl Run<'_> {
         }
         let request = run::request_sha256(&self.options, self.model.as_ref())?;
         let recording = Recording::open_files(log)?;
-        Ok(finished(output, recording.sha256()?, &request))
+        let shard = self.options.shard;
+        Ok(finished(output, (recording.sha256()?, &request), shard))
     }
 }
 

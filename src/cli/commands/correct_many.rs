@@ -14,7 +14,7 @@ use crate::recording::LogFiles;
 /// Corrects the logs one after another, and prints a table of them all. The outcome is the worst
 /// of them.
 pub fn run(run: &Run<'_>, logs: &[LogFiles], folder: Option<&Path>) -> Result<Outcome> {
-    let outputs = outputs(logs, folder)?;
+    let outputs = outputs(run, logs, folder)?;
     let (mut rows, mut documents, mut worst) = (Vec::new(), Vec::new(), Outcome::Done);
     let is_plain = !run.args.json && !run.args.out.quiet;
     for (number, (log, output)) in (1..).zip(logs.iter().zip(&outputs)) {
@@ -57,10 +57,10 @@ pub fn run(run: &Run<'_>, logs: &[LogFiles], folder: Option<&Path>) -> Result<Ou
 }
 
 /// Where each log is written: beside it, or into the folder, which is created.
-fn outputs(logs: &[LogFiles], folder: Option<&Path>) -> Result<Vec<PathBuf>> {
+fn outputs(run: &Run<'_>, logs: &[LogFiles], folder: Option<&Path>) -> Result<Vec<PathBuf>> {
     let outputs: Vec<PathBuf> = logs
         .iter()
-        .map(|log| log.beside("corrected.mcap"))
+        .map(|log| run.beside(log))
         .map(|beside| match (folder, beside.file_name()) {
             (Some(folder), Some(name)) => folder.join(name),
             _ => beside,

@@ -20,8 +20,8 @@ pub struct Args {
     /// Fields of the iFDO header that no log contains (TOML): image-pi, image-license, …
     #[arg(long, value_name = "FACTS.toml")]
     facts: Option<PathBuf>,
-    /// Where the files will be found: image-handle is PREFIX/UUID, as in
-    /// https://hdl.handle.net/20.500.12085
+    /// Where the files will be found: image-handle is PREFIX/UUID, with a prefix such as
+    /// `https://hdl.handle.net/20.500.12085`
     #[arg(long, value_name = "PREFIX", value_parser = uri)]
     handle_prefix: Option<String>,
     #[command(flatten)]

@@ -12,6 +12,7 @@ pub mod import;
 pub mod init;
 pub mod inspect;
 mod inspect_text;
+pub mod join;
 pub mod layout;
 pub mod man;
 pub mod mosaic;

@@ -15,6 +15,13 @@ use crate::error::{Error, Result};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewChannel(u16);
 
+impl NewChannel {
+    /// Its id in the file.
+    pub fn id(self) -> u16 {
+        self.0
+    }
+}
+
 /// The contents of the output, a queue of pieces.
 pub struct Output {
     compression: Compression,
@@ -25,6 +32,12 @@ pub struct Output {
     sequences: BTreeMap<u16, u32>,
     /// fingerprints of added messages, where nothing is written
     digests: Option<BTreeMap<u16, ChannelDigest>>,
+    /// schemas (true) and channels in the order of their declaration
+    declared: Vec<(bool, u16)>,
+    /// per chunk that is one of the input, the number of messages written before it
+    copied_chunks: Vec<Option<u64>>,
+    /// messages written one by one
+    written: u64,
     open: ChunkBuilder,
     pieces: VecDeque<Piece>,
 }
@@ -55,6 +68,9 @@ impl Output {
             declarations: Declarations::default(),
             sequences: BTreeMap::new(),
             digests: None,
+            declared: Vec::new(),
+            copied_chunks: Vec::new(),
+            written: 0,
             open: ChunkBuilder::default(),
             pieces: VecDeque::new(),
         }
@@ -77,12 +93,14 @@ impl Output {
     pub fn copy_schema(&mut self, id: u16, schema: &Schema) {
         self.pieces.push_back(Piece::records(records::schema(id, schema)));
         self.declarations.schemas.insert(id, schema.clone());
+        self.declared.push((true, id));
     }
 
     /// Copies a channel with its id.
     pub fn copy_channel(&mut self, id: u16, channel: &Channel) {
         if self.declarations.channels.insert(id, channel.clone()).is_none() {
             self.pieces.push_back(Piece::records(records::channel(id, channel)));
+            self.declared.push((false, id));
         }
     }
 
@@ -123,6 +141,27 @@ impl Output {
         Ok(NewChannel(id))
     }
 
+    /// Schemas (true) and channels so far, in the order of their declaration.
+    pub fn declared(&self) -> &[(bool, u16)] {
+        &self.declared
+    }
+
+    /// Per chunk so far, if it is one of the input, the number of messages that were written one by
+    /// one before it; they may be in a later chunk.
+    pub fn copied_chunks(&self) -> &[Option<u64>] {
+        &self.copied_chunks
+    }
+
+    /// A declared channel as one that messages are added to.
+    pub fn added_channel(&self, id: u16) -> Option<NewChannel> {
+        self.declarations.channels.contains_key(&id).then_some(NewChannel(id))
+    }
+
+    /// Sequence number of the next message of an added channel.
+    pub fn next_sequence(&self, channel: NewChannel) -> u32 {
+        self.sequences.get(&channel.0).copied().unwrap_or_default()
+    }
+
     /// Whether a chunk of the input has the configured compression, so that it can be copied.
     pub fn can_copy(compression: Compression, chunk: &RawChunk) -> bool {
         match compression {
@@ -139,6 +178,7 @@ impl Output {
         if self.open.holds_input {
             self.flush();
         }
+        self.copied_chunks.push(Some(self.written));
         self.pieces.push_back(Piece::copied(chunk));
     }
 
@@ -166,6 +206,7 @@ impl Output {
     }
 
     fn push(&mut self, header: &MessageHeader, data: &[u8]) {
+        self.written += 1;
         self.open.push(header, data);
         if self.open.len() >= self.chunk_size {
             self.flush();
@@ -176,6 +217,7 @@ impl Output {
     pub fn flush(&mut self) {
         let chunk = std::mem::take(&mut self.open);
         if !chunk.is_empty() {
+            self.copied_chunks.push(None);
             self.pieces.push_back(Piece::new_chunk(chunk, self.compression));
         }
     }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::super::camera_output::CameraOutput;
 use super::input::Input;
+use super::record::{SHARD_RECORD, ShardRecord};
 use crate::error::{Error, Result};
 use crate::recording::{NewAttachment, Output, OutputFile, Window};
 use crate::report::Report;
@@ -12,7 +13,7 @@ use crate::session::sha256;
 /// Writes attachments and metadata, the input's first, and completes the file.
 pub fn finish(
     input: &Input<'_>,
-    out: &Output,
+    (out, shard): (&Output, Option<ShardRecord>),
     mut file: OutputFile,
     reports: &mut [Report],
 ) -> Result<()> {
@@ -31,7 +32,15 @@ pub fn finish(
     for (camera, report) in input.cameras.iter().zip(reports) {
         describe(camera, input.window, report, &mut file)?;
     }
+    if let Some(shard) = shard {
+        let record = serde_json::to_string(&shard).map_err(|e| failed(SHARD_RECORD, &e))?;
+        file.metadata(SHARD_RECORD, &[("record".into(), record)].into())?;
+    }
     file.finish(out.declarations())
+}
+
+fn failed(name: &str, e: &serde_json::Error) -> Error {
+    Error::WriteRecord { path: Path::new(name).into(), reason: e.to_string() }
 }
 
 /// Attachments and metadata of a camera. Those of all but the first have its name before theirs.
@@ -41,13 +50,9 @@ fn describe(
     report: &Report,
     file: &mut OutputFile,
 ) -> Result<()> {
-    let failed = |name: &str, e: serde_json::Error| Error::WriteRecord {
-        path: Path::new(name).into(),
-        reason: e.to_string(),
-    };
     let (first, last) = camera.session.index.span.unwrap_or_default();
-    let model = camera.model.file.to_json().map_err(|e| failed("model.json", e))?;
-    let report_json = report.to_json().map_err(|e| failed("report.json", e))?;
+    let model = camera.model.file.to_json().map_err(|e| failed("model.json", &e))?;
+    let report_json = report.to_json().map_err(|e| failed("report.json", &e))?;
     let config = camera.session.config.to_commented_toml();
     let mut texts = vec![
         ("model.json", "application/json", model.as_str()),
