@@ -95,6 +95,7 @@ impl Scene {
                 beam_pattern: BeamPattern::from_nodes(nodes, &beam).refined(8),
                 over_time: Default::default(),
                 backscatter: None,
+                daylight: None,
                 empirical: None,
             },
             rig: Rig {

@@ -27,6 +27,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
         incidence: true,
         beam_pattern: beam_pattern(),
         backscatter: None,
+        daylight: None,
         empirical: None,
     };
     let strobe = Transform::from_parts([-0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]);

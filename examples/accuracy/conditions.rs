@@ -47,8 +47,8 @@ fn recorded(seed: u64, message: SettingsMessage) -> Dive {
     under(seed, Conditions { settings: Some(message), ..Conditions::default() })
 }
 
-fn daylight(seed: u64) -> Dive {
-    under(seed, Conditions { daylight: 0.2, has_depth_sensor: true, ..Conditions::default() })
+fn daylight(seed: u64, share: f64) -> Dive {
+    under(seed, Conditions { daylight: share, has_depth_sensor: true, ..Conditions::default() })
 }
 
 pub const CASES: &[Case] = &[
@@ -87,7 +87,9 @@ pub const CASES: &[Case] = &[
     case("second lamp in TF", |s| {
         under(s, Conditions { second_lamp: SecondLamp::Listed, ..Conditions::default() })
     }),
-    case("daylight 20 %", daylight),
+    case("daylight 20 %", |s| daylight(s, 0.2)),
+    case("daylight twice the strobe", |s| daylight(s, 2.0)),
+    case("daylight 50 times the strobe", |s| daylight(s, 50.0)),
     case("uniform backscatter 10 %", |s| {
         under(s, Conditions { uniform_backscatter: 0.1, ..Conditions::default() })
     }),

@@ -81,6 +81,10 @@ macro_rules! settings {
             backscatter: Switch = Switch::Auto, "auto | off | on",
                 "backscatter adds light: unmodelled, it lowers the attenuation by a sixth",
                 option("backscatter", "WHEN", "Whether backscatter is modelled");
+            daylight: Switch = Switch::Auto, "auto | off | on",
+                "daylight on the seafloor falls with altitude in another way than the strobe's \
+                 light: unmodelled, attenuation comes out negative in shallow water",
+                option("daylight", "WHEN", "Whether daylight on the seafloor is modelled");
             drift: Switch = Switch::Auto, "auto | off | on",
                 "the water may change along the dive: attenuation at nodes in time",
                 option("drift", "WHEN", "Whether attenuation may change along the log");

@@ -170,9 +170,11 @@ impl<'g> GainField<'g> {
         };
         let mut sums = Sums::default();
         let every = ((SMOOTH_RAD * px_per_rad / step as f64) as usize).max(1);
-        // Several lamps have angles each, and relief has edges of its own: there every node is
-        // exact.
-        if every > 1 && view.terrain.is_none() && view.rig.strobe.lamps.lamps().len() == 1 {
+        // Several lamps have angles each, daylight is a sum, and relief has edges of its own: there
+        // every node is exact.
+        let has_several = view.rig.strobe.lamps.lamps().len() > 1;
+        let is_product = !has_several && correction.model.daylight.is_none();
+        if every > 1 && view.terrain.is_none() && is_product {
             field.fill_interpolated(every, &mut sums);
         } else {
             (0..nodes).for_each(|node| field.fill_exact(node, true, &mut sums));

@@ -34,6 +34,13 @@ facts! {
                   held-out frames it is better than attenuation and beam pattern"),
             remedy("its numbers are no properties of the water; overlap at several altitudes and \
                     measured mounts let attenuation be determined");
+        Info "tilts-found" TiltsFound { median_deg: f64, largest_deg: f64 },
+            text("seafloor planes that were assumed level are tilted, as overlapping frames show: by \
+                  {median_deg:.1}° in the median, {largest_deg:.1}° at most"),
+            remedy("an attitude sensor, or ranges of several beams, would measure it");
+        Info "daylight-found" DaylightFound { share: f64 },
+            text("up to {:.0} % of the light of tracked points is daylight (median, brightest \
+                  band); it is modelled", 100.0 * share);
         Warning "backscatter-not-determined" BackscatterUnknown,
             text("--backscatter on: the log does not determine backscatter; it is not removed"),
             remedy("frames that overlap at different altitudes are needed");
@@ -100,6 +107,17 @@ facts! {
                   level, and its slope shifts the answer by an unknown amount"),
             remedy("set the driver to send the range of each beam, or use a model of another log: \
                     --model MODEL.json");
+        Warning "not-identified-tilts" TiltsAmbiguous,
+            text("the log has neither an attitude nor ranges of several beams, and the camera's \
+                  gain or the strobe's position is not known either: tilts of the vehicle can \
+                  stand in for them"),
+            remedy("record an attitude (sensor_msgs/Imu), or give the strobe's mount in a rig file \
+                    and fix the camera's exposure and white balance");
+        Warning "not-identified-lamps" LampsMayDiffer { lamps: usize },
+            text("{lamps} lamps share one beam pattern in the model, and what is left looks like a \
+                  camera with uneven gain or vignetting: it may be the difference of their \
+                  patterns"),
+            remedy("with one lamp at a time, or lamps of one type, attenuation can be determined");
         Warning "not-identified-mount" MountContradicted,
             text("the mount of the range instrument that is used contradicts the attitude and the \
                   images"),

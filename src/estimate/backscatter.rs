@@ -17,7 +17,10 @@ use super::quality::cross_validation;
 use super::samples::FrameSamples;
 use crate::config::Switch;
 use crate::image::Bands;
-use crate::model::{Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterTable};
+use crate::model::{
+    Backscatter, BeamPattern, Frustum, ScatterIntegral, ScatterSource, ScatterTable,
+};
+use crate::parallel::join;
 use crate::solver::{
     Fit, JointAnswer, MIN_DIRECT_SHARE, Observation, Problem, Sample, Setup, Track, sample_path,
 };
@@ -34,6 +37,11 @@ const FIRST_STEPS: usize = 2;
 const MIN_DEVIATIONS: f64 = 4.0;
 /// … and held-out frames to be foretold better by this.
 const MIN_IMPROVEMENT: f64 = 0.02;
+
+/// An even field is believed where it predicts held-out frames better by this.
+const BETTER_UNIFORM: f64 = 0.01;
+/// … and at all, by this: it has no shape of its own that few frames could not have by chance.
+const MIN_UNIFORM_IMPROVEMENT: f64 = 0.05;
 
 /// What was found.
 #[derive(Clone, Debug)]
@@ -107,8 +115,21 @@ fn exceeds(answer: &JointAnswer, deviations: f64) -> bool {
     })
 }
 
-/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it).
+/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it). Of the
+/// strobe's light, unless an even field predicts held-out frames better.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
+    let of = |source| move || find_of(data, setup, source);
+    let (strobe, uniform) = join(of(ScatterSource::Strobe), of(ScatterSource::Uniform));
+    match (strobe, uniform) {
+        (Some(strobe), Some(uniform)) => {
+            let is_better = uniform.improvement > strobe.improvement + BETTER_UNIFORM;
+            Some(if is_better { uniform } else { strobe })
+        }
+        (strobe, uniform) => strobe.or(uniform),
+    }
+}
+
+fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Option<BackscatterFit> {
     let plain = Setup { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setup };
     let mut problem = Problem::new(data.tracks, &plain, data.lamps, &sample_path)?;
     let solution = problem.solve(plain.rounds)?;
@@ -121,14 +142,15 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
     let frustum = Frustum::around(rays);
     for step in 0..STEPS {
         let attenuation_per_m = fit.attenuation_per_m.map(|a| a.max(0.0));
-        let before = Backscatter { attenuation_per_m, ..fit.backscatter };
-        let table = ScatterTable::new(
-            &fit.beam,
-            data.body_from_optical,
-            &data.lamps,
-            &attenuation_per_m,
-            frustum,
-        );
+        let before = Backscatter { source, attenuation_per_m, ..fit.backscatter };
+        let of_strobe = || {
+            let (mount, lamps) = (data.body_from_optical, &data.lamps);
+            ScatterTable::of_strobe(&fit.beam, mount, lamps, &attenuation_per_m, frustum)
+        };
+        let table = match source {
+            ScatterSource::Strobe => of_strobe(),
+            ScatterSource::Uniform => ScatterTable::Uniform { attenuation_per_m },
+        };
         let scatter = |o: &Observation| {
             let (x, y, s) = data.ray(&o.sample);
             table.at(x, y, s)
@@ -142,7 +164,7 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
         let predicted = || held_out_by(&Setup { scatter: Some((&now, &scatter)), ..plain });
         if step + 1 == FIRST_STEPS && setup.config.backscatter != Switch::On {
             // The held-out frames come last: they cost a solve.
-            let is_likely = exceeds(&problem.answer(&solution, None)?, MIN_DEVIATIONS / 2.0)
+            let is_likely = exceeds(&problem.answer(&solution, &[])?, MIN_DEVIATIONS / 2.0)
                 && cross_validation::improvement(without.as_ref()?, &predicted()?)
                     > MIN_IMPROVEMENT / 2.0;
             if !is_likely {
@@ -154,7 +176,7 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
             (now - before).abs() <= SETTLED * now
         });
         if is_settled || step + 1 == STEPS {
-            let answer = problem.answer(&solution, None)?;
+            let answer = problem.answer(&solution, &[])?;
             let improvement = cross_validation::improvement(without.as_ref()?, &predicted()?);
             return accepted(data, setup, &answer, improvement, table);
         }
@@ -204,7 +226,11 @@ fn accepted(
     let is_there = match setup.config.backscatter {
         Switch::On => backscatter.strength_per_m.iter().any(|b| *b > 0.0),
         Switch::Auto | Switch::Off => {
-            exceeds(answer, MIN_DEVIATIONS) && improvement > MIN_IMPROVEMENT
+            let least = match backscatter.source {
+                ScatterSource::Strobe => MIN_IMPROVEMENT,
+                ScatterSource::Uniform => MIN_UNIFORM_IMPROVEMENT,
+            };
+            exceeds(answer, MIN_DEVIATIONS) && improvement > least
         }
     };
     is_there.then_some(fit)

@@ -2,8 +2,11 @@
 
 use std::collections::BTreeSet;
 
+use nalgebra::Vector3;
+
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
+use super::daylight::DaylightFit;
 use super::drift::DriftFit;
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
@@ -11,6 +14,7 @@ use crate::coordinates::{Body, Optical, Transform};
 use crate::geometry::LightPath;
 use crate::image::Bands;
 use crate::model::{BeamGrid, BeamPattern, ImagingModel, SpreadingModel};
+use crate::solver::terms::geometry::PlaneTrack;
 use crate::solver::{Independence, Observation, Sample, Setup, Track};
 use crate::stats;
 use crate::vehicle::Lamps;
@@ -31,8 +35,15 @@ pub struct Dataset<'s> {
     pub lamps: Lamps,
     /// whether the strobe's position is not measured: estimated from these samples, or a guess
     pub strobe_is_free: bool,
-    /// backscatter that has been removed from the samples, and the tracks before it was
-    pub backscatter: Option<(&'s BackscatterFit, &'s [Track])>,
+    /// position of the range instrument (m) and standard deviations of the tilts (rad), where
+    /// planes are assumed level: those of `FreeTilts`
+    pub tilts: Option<(Vector3<f64>, [f64; 2])>,
+    /// backscatter that has been removed from the samples
+    pub backscatter: Option<&'s BackscatterFit>,
+    /// daylight that has been removed from the samples
+    pub daylight: Option<&'s DaylightFit>,
+    /// the tracks before either was; `None` where nothing was removed
+    pub raw_tracks: Option<&'s [Track]>,
     /// what of the camera has been removed from the samples and stays unknown in the solves
     pub camera: Option<&'s CameraFit>,
     /// nodes of α in time
@@ -42,7 +53,7 @@ pub struct Dataset<'s> {
 }
 
 impl<'s> Dataset<'s> {
-    /// Samples without backscatter or drift, the strobe where it is measured to be.
+    /// Samples without backscatter, daylight or drift, the strobe where it is measured to be.
     pub fn plain(
         frames: &'s [FrameSamples],
         tracks: &'s [Track],
@@ -55,7 +66,10 @@ impl<'s> Dataset<'s> {
             body_from_optical,
             lamps,
             strobe_is_free: false,
+            tilts: None,
             backscatter: None,
+            daylight: None,
+            raw_tracks: None,
             camera: None,
             drift: None,
             unmodelled_backscatter: None,
@@ -68,9 +82,18 @@ impl<'s> Dataset<'s> {
         (hit.x / hit.z, hit.y / hit.z, sample.seafloor_to_camera_m)
     }
 
-    /// The tracks before backscatter was removed.
+    /// The tracks before backscatter and daylight were removed.
     pub fn raw_tracks(&self) -> &'s [Track] {
-        self.backscatter.map_or(self.tracks, |(_, raw)| raw)
+        self.raw_tracks.unwrap_or(self.tracks)
+    }
+
+    /// The planes of the frames, with those shortly before and after.
+    pub fn plane_tracks(&self) -> Vec<PlaneTrack> {
+        let plane = |f: &FrameSamples| PlaneTrack {
+            plane: (f.normal, f.distance_m),
+            around: f.planes_around,
+        };
+        self.frames.iter().map(plane).collect()
     }
 
     /// Moments with pings of their own: frames nearer than `PINGS_SHARED_S` share their errors.
@@ -116,7 +139,8 @@ impl<'s> Dataset<'s> {
             spreading,
             incidence: config.incidence,
             beam_pattern,
-            backscatter: self.backscatter.map(|(fit, _)| fit.backscatter),
+            backscatter: self.backscatter.map(|fit| fit.backscatter),
+            daylight: self.daylight.map(|fit| fit.daylight),
             empirical: None,
         }
     }
@@ -153,10 +177,12 @@ impl FrameSamples {
     /// Frame number `frame`, one every 3 s, of three bands and without samples.
     pub fn of_level_seafloor(frame: usize, camera_altitude_m: f64) -> Self {
         let normal = crate::coordinates::Direction::from_vector(nalgebra::Vector3::z());
+        let normal = normal.expect("a direction");
         Self {
             frame,
             stamp: crate::units::Stamp(3_000_000_000 * frame as i64),
-            normal: normal.expect("a direction"),
+            normal,
+            level_normal: normal,
             camera_altitude_m,
             bands: 3,
             keypoints: Vec::new(),

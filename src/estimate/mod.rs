@@ -11,6 +11,7 @@ mod angular_bins;
 mod backscatter;
 mod camera_fit;
 mod dataset;
+mod daylight;
 mod descriptor;
 mod drift;
 mod exposure;
@@ -19,11 +20,13 @@ mod keypoints;
 mod matching;
 mod methods;
 mod mount_search;
+mod other_light;
 mod quality;
 mod samples;
 mod self_calibration;
 mod sequence;
 mod strobe_search;
+mod tilt_search;
 mod tracks;
 mod verdict;
 
@@ -37,6 +40,7 @@ pub use crate::solver::{Observation, Sample, Track};
 pub use backscatter::BackscatterFit;
 pub use camera_fit::{CameraFit, CameraTermsFound};
 pub use dataset::Dataset;
+pub use daylight::DaylightFit;
 pub use exposure::FollowedSetting;
 pub use matching::{Matchable, MatchedPair, matches};
 pub use methods::empirical::EmpiricalFit;
@@ -45,6 +49,7 @@ pub use samples::{FrameSamples, coarsest_m, sample_frame};
 pub use self_calibration::CameraKnown;
 pub use sequence::estimate_model;
 pub use strobe_search::{StrobeFit, StrobePlacement};
+pub use tilt_search::TiltFit;
 pub use tracks::tracks;
 pub use verdict::Judgement;
 
@@ -156,6 +161,8 @@ pub struct ModelEstimate {
     pub strobe: StrobePlacement,
     /// backscatter
     pub backscatter: Option<BackscatterFit>,
+    /// daylight
+    pub daylight: Option<DaylightFit>,
     /// recorded settings that the frames' light follows
     pub followed: Vec<FollowedSetting>,
     /// per frame and band: log of its light over that of the others, 0 but for drop-outs and what
@@ -167,6 +174,8 @@ pub struct ModelEstimate {
     pub camera: Option<CameraFit>,
     /// what was found and is not, as the settings ask
     pub reported: Option<CameraFit>,
+    /// tilts of planes that were assumed level
+    pub tilts: Option<TiltFit>,
     /// clock and mount of the range instrument that fit better than those given
     pub mounts: Option<MountFit>,
     /// whether they explain the log so much better that they are to be used

@@ -9,7 +9,6 @@
 use nalgebra::Vector3;
 
 use super::quality::identifiability::MIN_FRAMES;
-use super::samples::FrameSamples;
 use super::{Dataset, Mounts};
 use crate::config::EstimateConfig;
 use crate::model::BeamGrid;
@@ -80,13 +79,6 @@ impl MountFit {
     }
 }
 
-/// The planes of frames, with those shortly before and after.
-pub fn plane_tracks(frames: &[FrameSamples]) -> Vec<PlaneTrack> {
-    let plane =
-        |f: &FrameSamples| PlaneTrack { plane: (f.normal, f.distance_m), around: f.planes_around };
-    frames.iter().map(plane).collect()
-}
-
 /// Searches for a better clock and mount; `None` where the log cannot tell. `instrument` is the
 /// position of the range instrument in the body (m).
 pub fn check_mounts(
@@ -104,7 +96,7 @@ pub fn check_mounts(
     let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
     let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let setup = Setup { rounds: ROUNDS, ..data.setup(grid, config) };
-    let planes = plane_tracks(data.frames);
+    let planes = data.plane_tracks();
     let (planes, body_from_optical) = (planes.as_slice(), data.body_from_optical);
     let at = |by: Vector3<f64>| ShiftedPlanes { planes, body_from_optical, instrument, by };
     let evaluate = |by: Vector3<f64>| {

@@ -51,6 +51,8 @@ pub struct FrameSamples {
     pub stamp: Stamp,
     /// the plane's normal; a sample's own may differ where the ground is not flat
     pub normal: Direction<Body>,
+    /// the same before planes that are assumed level were tilted
+    pub level_normal: Direction<Body>,
     /// height of the camera over it (m)
     pub camera_altitude_m: f64,
     /// bands of the picture
@@ -152,6 +154,7 @@ pub fn sample_frame(
         frame,
         stamp,
         normal: view.plane.normal,
+        level_normal: view.plane.normal,
         camera_altitude_m: view.camera_altitude_m(),
         bands: image.bands(),
         keypoints: Vec::new(),

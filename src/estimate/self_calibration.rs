@@ -235,16 +235,7 @@ impl<'s> Trials<'s> {
         config: &'s EstimateConfig,
     ) -> Self {
         let tracks = thinned(data.tracks, observations);
-        let bands = data.bands();
-        let log_mean = |f: &FrameSamples| f.mean_reading.map(|v| v.max(1e-6).ln());
-        let mut log_means: Vec<Bands> = data.frames.iter().map(log_mean).collect();
-        let count = log_means.len().max(1) as f64;
-        let log_level: Bands = std::array::from_fn(|b| {
-            if b < bands { log_means.iter().map(|m| m[b]).sum::<f64>() / count } else { 0.0 }
-        });
-        for mean in &mut log_means {
-            (0..3).for_each(|b| mean[b] = if b < bands { mean[b] - log_level[b] } else { 0.0 });
-        }
+        let (log_means, log_level) = mean_readings(&data);
         Self { data, tracks, log_means, log_level, radius, segments: None, paths, config }
     }
 
@@ -296,6 +287,36 @@ impl<'s> Trials<'s> {
         let gain_std = hypothesis.terms.gains.then_some(trial.solution.gain_std);
         self.solve(hypothesis, &trial.solution.curve, gain_std, self.config.rounds)
     }
+}
+
+/// Log of each frame's mean reading over the log's, by which a camera may set its gain; and the
+/// log's.
+fn mean_readings(data: &Dataset<'_>) -> (Vec<Bands>, Bands) {
+    let bands = data.bands();
+    let log_mean = |f: &FrameSamples| f.mean_reading.map(|v| v.max(1e-6).ln());
+    let mut log_means: Vec<Bands> = data.frames.iter().map(log_mean).collect();
+    let count = log_means.len().max(1) as f64;
+    let log_level: Bands = std::array::from_fn(|b| {
+        if b < bands { log_means.iter().map(|m| m[b]).sum::<f64>() / count } else { 0.0 }
+    });
+    for mean in &mut log_means {
+        (0..3).for_each(|b| mean[b] = if b < bands { mean[b] - log_level[b] } else { 0.0 });
+    }
+    (log_means, log_level)
+}
+
+/// The camera's law as its only unknown, for a solve that is about something else.
+pub fn with_law<R>(data: &Dataset<'_>, solve: impl FnOnce(CameraUnknowns<'_>) -> R) -> Option<R> {
+    let (log_means, _) = mean_readings(data);
+    Some(solve(CameraUnknowns {
+        gains: None,
+        law: Some(&log_means),
+        vignetting: false,
+        response: false,
+        black_level: false,
+        start: &ReadingCurve::default(),
+        radius: image_radius(data)?,
+    }))
 }
 
 /// ϱ of this log's images: the grids of the frames reach nearly into the corners.

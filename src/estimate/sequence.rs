@@ -1,5 +1,5 @@
-//! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter, the
-//! camera, then the estimators.
+//! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter and
+//! daylight, the camera, then the estimators.
 //!
 //! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual. So the
 //! log is first explained without faults of the camera; where that leaves uneven gains, faults of
@@ -8,21 +8,23 @@
 
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
+use super::daylight::DaylightFit;
 use super::methods::empirical::Regions;
-use super::mount_search::{MountFit, check_mounts, plane_tracks};
+use super::mount_search::{MountFit, check_mounts};
+use super::other_light::{direct_light, other_light};
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
 use super::{
-    Dataset, FollowedSetting, ModelEstimate, Mounts, backscatter, drift, estimate, exposure,
-    frame_gains,
+    Dataset, FollowedSetting, ModelEstimate, Mounts, drift, estimate, exposure, frame_gains,
+    tilt_search,
 };
 use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
 use crate::error::Result;
 use crate::image::Bands;
 use crate::image::response::TransferKnown;
-use crate::model::BeamGrid;
+use crate::model::{BeamGrid, ScatterSource};
 use crate::parallel::join;
 use crate::solver::{Track, sample_path};
 use crate::vehicle::Lamps;
@@ -72,10 +74,11 @@ impl Samples {
 struct Explanation {
     /// the samples without gains and faults of the camera
     raw: Samples,
-    /// without backscatter too, where there is any
+    /// without backscatter and daylight too, where there is any
     direct: Option<Samples>,
     strobe: StrobePlacement,
     backscatter: Option<BackscatterFit>,
+    daylight: Option<DaylightFit>,
     /// α with backscatter modelled, where the settings exclude it (1/m)
     unmodelled: Option<Bands>,
     camera: Option<CameraFit>,
@@ -91,6 +94,7 @@ impl Explanation {
             camera,
             direct: None,
             backscatter: None,
+            daylight: None,
             unmodelled: None,
             mounts: None,
         }
@@ -117,9 +121,19 @@ pub fn estimate_model(
     config: &EstimateConfig,
 ) -> Result<ModelEstimate> {
     let given = Given { mounts, config };
-    let raw = Samples { frames, tracks };
+    let mut raw = Samples { frames, tracks };
     let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
+    let tilts = {
+        let mut samples = raw.clone();
+        samples.follow(&followed, settings);
+        tilt_search::find(&samples.data(mounts, mounts.lamps, None), mounts, config)
+    };
+    if let Some(tilts) = &tilts {
+        let (frames, tracks) = tilts.applied_to(&raw.frames, &raw.tracks, mounts);
+        raw = Samples { frames, tracks };
+        (samples, log_gains) = given.followed(&raw, &followed, settings);
+    }
     let mut explained = given.explained(samples.clone(), None);
     let (mut reported, mut plain) = (None, None);
     if config.self_calibration != SelfCalibration::Off && config.estimator.may_be_joint() {
@@ -160,7 +174,7 @@ pub fn estimate_model(
         },
         None => estimate,
     };
-    Ok(ModelEstimate { reported, ..estimate })
+    Ok(ModelEstimate { reported, tilts, ..estimate })
 }
 
 /// The estimate whose judgement is better, the second if they are equal.
@@ -209,11 +223,11 @@ impl Given<'_> {
         let kept = is_contradicted.then(|| StrobePlacement::kept(self.mounts.lamps));
         let mut explained = Explanation::new(raw, strobe, camera);
         let given = kept.map(|strobe| Explanation { strobe, ..explained.clone() });
-        self.separate_backscatter(&mut explained);
+        self.separate_light(&mut explained);
         let Some(mut given) = given else { return explained };
-        // Backscatter pulls the strobe away, too.
-        self.separate_backscatter(&mut given);
-        if given.backscatter.is_none() || self.cost(&given) > self.cost(&explained) {
+        // Backscatter and daylight pull the strobe away, too.
+        self.separate_light(&mut given);
+        if given.direct.is_none() || self.cost(&given) > self.cost(&explained) {
             return explained;
         }
         given
@@ -226,8 +240,8 @@ impl Given<'_> {
         cost_with(&data, &sample_path, self.config).unwrap_or(f64::INFINITY)
     }
 
-    /// Strobe and backscatter, estimated in turn.
-    fn separate_backscatter(&self, found: &mut Explanation) {
+    /// Strobe, and light that is not the strobe's alone, estimated in turn.
+    fn separate_light(&self, found: &mut Explanation) {
         let Self { mounts, config } = *self;
         let camera = found.camera.as_ref();
         let given = found.raw.data(mounts, mounts.lamps, camera);
@@ -239,16 +253,18 @@ impl Given<'_> {
             && (!mounts.strobe_is_measured || config.strobe_position != StrobePosition::Auto);
         for _ in 0..TURNS {
             let placed = Dataset { lamps: found.strobe.lamps, ..given };
-            let Some(fit) = backscatter::find(&placed, &given.setup(grid, config)) else {
-                // What was found with the strobe elsewhere does not hold where it is now.
-                (found.backscatter, found.direct) = (None, None);
-                break;
-            };
+            let is_placed = found.strobe.warning.is_none() || found.strobe.source.is_some();
+            let setup = given.setup(grid, config);
+            let (mut backscatter, daylight) = other_light(&placed, &setup, is_placed);
             if config.backscatter == Switch::Off {
-                found.unmodelled = Some(fit.attenuation_per_m);
+                found.unmodelled = backscatter.take().map(|fit| fit.attenuation_per_m);
+            }
+            if backscatter.is_none() && daylight.is_none() {
+                // What was found with the strobe elsewhere does not hold where it is now.
+                (found.backscatter, found.daylight, found.direct) = (None, None, None);
                 break;
             }
-            let (frames, tracks) = fit.removed_from(&placed);
+            let (frames, tracks) = direct_light(&placed, backscatter.as_ref(), daylight.as_ref());
             let direct = Samples { frames, tracks };
             let before = found.strobe.lamps;
             let start = is_searched.then_some(before);
@@ -259,7 +275,8 @@ impl Given<'_> {
                 found.strobe = next;
             }
             let moved = found.strobe.lamps.origin().vector() - before.origin().vector();
-            (found.backscatter, found.direct) = (Some(fit), Some(direct));
+            (found.backscatter, found.daylight) = (backscatter, daylight);
+            found.direct = Some(direct);
             if moved.norm() < SETTLED_M {
                 break;
             }
@@ -276,11 +293,14 @@ impl Given<'_> {
         let direct = plain.direct.as_ref().unwrap_or(&plain.raw);
         let mut best = self.calibration(direct, plain.strobe.lamps)?;
         let least = best.cost_without;
-        if best.camera.is_none() && best.is_quiet {
+        // What is added to the light evenly may be added by the camera.
+        let is_even = |fit: &BackscatterFit| fit.backscatter.source == ScatterSource::Uniform;
+        let is_even = plain.backscatter.as_ref().is_some_and(is_even);
+        if best.camera.is_none() && best.is_quiet && !is_even {
             return None;
         }
         let is_moved = distance(plain.strobe.lamps, mounts.lamps) > MOVED_M;
-        if (is_moved && mounts.strobe_is_measured) || plain.backscatter.is_some() {
+        if (is_moved && mounts.strobe_is_measured) || plain.direct.is_some() {
             let of_given = self.calibration(samples, mounts.lamps);
             best = of_given.into_iter().fold(best, |a, b| if b.cost < a.cost { b } else { a });
         }
@@ -292,7 +312,9 @@ impl Given<'_> {
         // A fitted curve stays unknown in the solve; uneven gains are part of any explanation.
         let is_fitted = mounts.camera.transfer == TransferKnown::Fitted;
         let is_uneven = best.camera.as_ref()?.found.gains;
-        if best.cost > least - LEAST_DECREASE && !is_fitted && !is_uneven {
+        let is_rival = is_even && best.camera.as_ref()?.found.black_level;
+        let decrease = if is_rival { 0.0 } else { LEAST_DECREASE };
+        if best.cost > least - decrease && !is_fitted && !is_uneven {
             return None;
         }
         let explained = self.explained(samples.clone(), best.camera.clone());
@@ -311,10 +333,8 @@ impl Given<'_> {
     fn calibration(&self, samples: &Samples, lamps: Lamps) -> Option<Calibration> {
         let Self { mounts, config } = *self;
         let data = samples.data(mounts, lamps, None);
-        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-        let seeks_drift = config.drift != Switch::Off && data.is_informative(config);
-        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
-        calibrate(&Dataset { drift: drift.as_ref(), ..data }, mounts.camera, config)
+        let can_tell = data.is_informative(config);
+        with_drift(&data, can_tell, config, &|data| calibrate(data, mounts.camera, config))
     }
 
     /// Clock and mount that contradict the given ones, and the cost with them.
@@ -326,7 +346,7 @@ impl Given<'_> {
         if !found.contradicts_clock() && !found.contradicts_mount() {
             return None;
         }
-        let planes = plane_tracks(data.frames);
+        let planes = data.plane_tracks();
         let shifted = found.shifted(&planes, mounts);
         let cost = cost_with(&data, &|o, lamps| shifted.path(o, lamps), config)?;
         Some((found, cost))
@@ -338,6 +358,19 @@ fn distance(a: Lamps, b: Lamps) -> f64 {
     (a.origin().vector() - b.origin().vector()).norm()
 }
 
+/// Work on samples with the nodes of α in time, where the water changes.
+fn with_drift<R>(
+    data: &Dataset<'_>,
+    can_tell: bool,
+    config: &EstimateConfig,
+    work: &dyn Fn(&Dataset<'_>) -> R,
+) -> R {
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let is_sought = config.drift != Switch::Off && can_tell;
+    let drift = if is_sought { drift::find(data, &data.setup(grid, config)) } else { None };
+    work(&Dataset { drift: drift.as_ref(), ..*data })
+}
+
 /// The estimators on an explained log.
 fn finish(
     explained: Explanation,
@@ -346,7 +379,7 @@ fn finish(
 ) -> Result<ModelEstimate> {
     let Given { mounts, config } = given;
     let (known, unmodelled) = (explained.mounts, explained.unmodelled);
-    let Explanation { mut raw, direct, mut strobe, backscatter, camera, .. } = explained;
+    let Explanation { mut raw, direct, mut strobe, backscatter, daylight, camera, .. } = explained;
     let can_tell = raw.data(mounts, mounts.lamps, None).is_informative(config);
     let regions = Regions::of(&raw.frames, mounts.body_from_optical);
     let direct = direct.unwrap_or_else(|| Samples {
@@ -355,16 +388,14 @@ fn finish(
     });
     let data = Dataset {
         strobe_is_free: strobe.source.is_some() || (!mounts.strobe_is_measured && can_tell),
-        backscatter: backscatter.as_ref().map(|b| (b, raw.tracks.as_slice())),
+        backscatter: backscatter.as_ref(),
+        daylight: daylight.as_ref(),
+        raw_tracks: Some(&raw.tracks),
+        tilts: tilt_search::stds(&direct.frames).map(|stds| (mounts.instrument, stds)),
         unmodelled_backscatter: unmodelled,
         ..direct.data(mounts, strobe.lamps, camera.as_ref())
     };
-    let estimated = || {
-        let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-        let seeks_drift = config.drift != Switch::Off && can_tell;
-        let drift = if seeks_drift { drift::find(&data, &data.setup(grid, config)) } else { None };
-        estimate(&Dataset { drift: drift.as_ref(), ..data }, config)
-    };
+    let estimated = || with_drift(&data, can_tell, config, &|data| estimate(data, config));
     let replaces_mounts = known.is_some() && config.self_calibration == SelfCalibration::Auto;
     let check = || known.or_else(|| check_mounts(&data, mounts.instrument, config));
     let (mount_fit, estimate) = join(check, estimated);
@@ -378,20 +409,32 @@ fn finish(
         fit.backscatter = estimate.model.backscatter.unwrap_or(fit.backscatter);
         fit
     });
+    // Daylight is part of the model that corrects.
+    let with_daylight = || raw.data(mounts, strobe.lamps, None);
+    let frames = match &daylight {
+        Some(_) => direct_light(&with_daylight(), backscatter.as_ref(), None).0,
+        None => direct.frames,
+    };
+    let daylight = daylight.map(|mut fit| {
+        fit.daylight = estimate.model.daylight.unwrap_or(fit.daylight);
+        fit
+    });
     let of_camera = |f: usize| camera.as_ref().map_or([0.0; 3], |c| c.log_gains[f]);
     let log_gain = |(f, gain): (usize, &f64)| of_camera(f).map(|of_camera| of_camera + gain);
     Ok(ModelEstimate {
         estimate,
         strobe,
         backscatter,
+        daylight,
         followed,
         log_gains: drop_outs.iter().enumerate().map(log_gain).collect(),
         drop_outs: drop_outs.iter().filter(|g| **g != 0.0).count(),
         camera,
         reported: None,
+        tilts: None,
         mounts: mount_fit,
         replaces_mounts,
-        frames: direct.frames,
+        frames,
         judgement,
     })
 }

@@ -117,7 +117,7 @@ impl Case<'_> {
         let (data, bands) = (self.data, self.data.bands());
         let color = |o: &Observation| o.sample.log_color.map(f64::from);
         let raw = agreement(data.raw_tracks(), bands, &|o| Some(color(o)))?;
-        let model = self.model;
+        let model = self.model.without_daylight();
         let by_model = |o: &Observation| {
             let predicted = model.log_radiance(&data.path(o)?, Removal::FULL);
             Some(std::array::from_fn(|b| color(o)[b] - predicted[b]))

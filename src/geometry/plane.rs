@@ -1,6 +1,8 @@
 //! The seafloor plane of a frame.
 
-use crate::coordinates::{Body, Direction};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::coordinates::{Body, Direction, Optical, Transform};
 use crate::vehicle::Rig;
 
 /// What determines a plane.
@@ -56,10 +58,40 @@ impl SeafloorPlane {
         }
     }
 
+    /// The same plane, tilted about the camera's x and y axes (rad) around the range instrument,
+    /// whose range it keeps.
+    #[must_use]
+    pub fn tilted(&self, rig: &Rig, about: [f64; 2]) -> Self {
+        let rotation = tilt_rotation(&rig.body_from_optical, about);
+        let instrument = rig.body_from_dvl.origin().vector();
+        let given = (self.normal.vector(), self.distance_m);
+        let (normal, distance_m) = turned(given, rotation, &instrument);
+        Direction::from_vector(normal).map_or(*self, |normal| Self { normal, distance_m, ..*self })
+    }
+
     /// Distance of the camera from the plane, along the normal (m).
     pub fn camera_altitude_m(&self, rig: &Rig) -> f64 {
         self.distance_m - self.normal.vector().dot(&rig.body_from_optical.origin().vector())
     }
+}
+
+/// Rotation about the camera's x and y axes (rad), in body space.
+pub fn tilt_rotation(
+    body_from_optical: &Transform<Body, Optical>,
+    [about_x, about_y]: [f64; 2],
+) -> UnitQuaternion<f64> {
+    let axis = body_from_optical.isometry().rotation * Vector3::new(about_x, about_y, 0.0);
+    UnitQuaternion::from_scaled_axis(axis)
+}
+
+/// Normal and distance of a plane that is rotated around a point (m).
+pub fn turned(
+    (normal, distance_m): (Vector3<f64>, f64),
+    rotation: UnitQuaternion<f64>,
+    around: &Vector3<f64>,
+) -> (Vector3<f64>, f64) {
+    let rotated = rotation * normal.normalize();
+    (rotated, distance_m + (rotated - normal).dot(around))
 }
 
 /// Why there is no plane.

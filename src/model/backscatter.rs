@@ -13,10 +13,14 @@
 //! no frame showed (near the camera) carry the shown ones on as a Gaussian falls off, times η:
 //! their light is much the same in every frame, however high. The log tells η and ζ.
 //!
+//! Under daylight, and between many lamps, the field is even: S_Λ = (1 − e^(−a_Λ ℓ_s)) / a_Λ
+//! (Eq. 6).
+//!
 //! In: image-plane coordinates x/z, y/z of the ray and ℓ_s (m). Out: light in the unit of `c / (r ·
 //! light)` of Eq. 15.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::BeamPattern;
 use super::beam_pattern::filled;
@@ -35,9 +39,22 @@ const LEAST_DISTANCE_M: f64 = 0.1;
 /// The unseen part of a beam falls off at least like a Gaussian of this width (rad).
 const WIDEST_RAD: f64 = 1.0;
 
+/// What light is scattered back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ScatterSource {
+    /// the strobe's own beam (Eq. 5)
+    #[default]
+    Strobe,
+    /// a field that is the same all along the ray (Eq. 6)
+    Uniform,
+}
+
 /// Strength and attenuation of what is scattered back.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backscatter {
+    /// of what light
+    pub source: ScatterSource,
     /// b_Λ: scattered light over a white seafloor's, per metre of lit water (1/m)
     pub strength_per_m: Bands,
     /// a_Λ (1/m)
@@ -66,6 +83,15 @@ pub struct ScatterIntegral {
 }
 
 impl ScatterIntegral {
+    /// Of an even field (Eq. 6), without shapes.
+    fn uniform(attenuation_per_m: &Bands, seafloor_to_camera_m: f64) -> Self {
+        let even = attenuation_per_m.map(|a| {
+            let depth = a * seafloor_to_camera_m;
+            if depth > 1e-6 { -(-depth).exp_m1() / a } else { seafloor_to_camera_m }
+        });
+        Self { even, ..Self::default() }
+    }
+
     /// S_Λ.
     pub fn of_band(&self, band: usize, shape: &[f64; SHAPES]) -> f64 {
         self.even[band] + self.shaped.iter().zip(shape).map(|(part, k)| part[band] * k).sum::<f64>()
@@ -77,10 +103,50 @@ impl ScatterIntegral {
     }
 }
 
+/// Backscatter in `model.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BackscatterFile {
+    /// of what light
+    #[serde(default)]
+    pub source: ScatterSource,
+    /// b: scattered light over a white seafloor's, per metre of lit water, in the unit of the log's
+    /// light (1/m)
+    pub strength_per_m: Vec<f64>,
+    /// its standard deviation (1/m)
+    pub strength_std_per_m: Vec<f64>,
+    /// the attenuation it is subject to (1/m)
+    pub attenuation_per_m: Vec<f64>,
+    /// η and ζ: light from directions of the beam that no frame showed, and light scattered
+    /// sideways (docs/method.md)
+    pub shape: [f64; SHAPES],
+    /// median share of it in the light of tracked points
+    pub median_share: Vec<f64>,
+    /// how much better frames that the solve did not see are foretold with it (share of the loss)
+    pub held_out_improvement: f64,
+}
+
+impl BackscatterFile {
+    /// As the model needs it.
+    pub fn backscatter(&self) -> Backscatter {
+        let bands =
+            |values: &[f64]| std::array::from_fn(|b| values.get(b).copied().unwrap_or_default());
+        Backscatter {
+            source: self.source,
+            strength_per_m: bands(&self.strength_per_m),
+            attenuation_per_m: bands(&self.attenuation_per_m),
+            shape: self.shape,
+        }
+    }
+}
+
 impl Backscatter {
     /// Nothing, and nothing known of the unseen beam.
-    pub const NONE: Self =
-        Self { strength_per_m: [0.0; 3], attenuation_per_m: [0.0; 3], shape: UNKNOWN_SHAPE };
+    pub const NONE: Self = Self {
+        source: ScatterSource::Strobe,
+        strength_per_m: [0.0; 3],
+        attenuation_per_m: [0.0; 3],
+        shape: UNKNOWN_SHAPE,
+    };
 
     /// Moves the shape as far as it may.
     pub fn reshape(&mut self, step: [f64; SHAPES]) {
@@ -108,10 +174,19 @@ pub struct Frustum {
 
 /// S_Λ over rays and distances.
 #[derive(Clone, Debug)]
-pub struct ScatterTable {
-    frustum: Frustum,
-    /// rays (y major) × distances × (even, shaped)
-    values: Vec<[[f32; 3]; 1 + SHAPES]>,
+pub enum ScatterTable {
+    /// of the strobe's light
+    Strobe {
+        /// the rays and distances
+        frustum: Frustum,
+        /// rays (y major) × distances × (even, shaped)
+        values: Vec<[[f32; 3]; 1 + SHAPES]>,
+    },
+    /// of an even field, in closed form
+    Uniform {
+        /// a_Λ (1/m)
+        attenuation_per_m: Bands,
+    },
 }
 
 impl Frustum {
@@ -127,8 +202,8 @@ impl Frustum {
 }
 
 impl ScatterTable {
-    /// Integrates along every ray.
-    pub fn new(
+    /// Of the strobe's light: integrates along every ray.
+    pub fn of_strobe(
         beam: &BeamPattern,
         body_from_optical: Transform<Body, Optical>,
         lamps: &Lamps,
@@ -179,20 +254,25 @@ impl ScatterTable {
                 }
             }
         }
-        Self { frustum, values }
+        Self::Strobe { frustum, values }
     }
 
     /// S_Λ of a ray down to the seafloor; beyond the table its edge.
     pub fn at(&self, x: f64, y: f64, seafloor_to_camera_m: f64) -> ScatterIntegral {
+        let (frustum, values) = match self {
+            Self::Strobe { frustum, values } => (frustum, values),
+            Self::Uniform { attenuation_per_m } => {
+                return ScatterIntegral::uniform(attenuation_per_m, seafloor_to_camera_m);
+            }
+        };
         let place = |v: f64, (a, b): (f64, f64), n: usize| {
             let at = ((v - a) / (b - a).max(1e-12) * (n - 1) as f64).clamp(0.0, (n - 1) as f64);
             let i = (at as usize).min(n - 2);
             (i, (at - i as f64) as f32)
         };
-        let ((column, p), (row, q)) =
-            (place(x, self.frustum.x, RAYS.0), place(y, self.frustum.y, RAYS.1));
+        let ((column, p), (row, q)) = (place(x, frustum.x, RAYS.0), place(y, frustum.y, RAYS.1));
         let (k, share) = place(
-            (seafloor_to_camera_m / self.frustum.farthest_m.max(1e-12)).max(0.0).sqrt(),
+            (seafloor_to_camera_m / frustum.farthest_m.max(1e-12)).max(0.0).sqrt(),
             (0.0, 1.0),
             DISTANCES,
         );
@@ -204,8 +284,7 @@ impl ScatterTable {
             ((row + 1, column + 1), p * q),
         ] {
             let at = (ray.0 * RAYS.0 + ray.1) * DISTANCES + k;
-            for (part, (near, far)) in
-                parts.iter_mut().zip(self.values[at].iter().zip(&self.values[at + 1]))
+            for (part, (near, far)) in parts.iter_mut().zip(values[at].iter().zip(&values[at + 1]))
             {
                 (0..3).for_each(|b| {
                     part[b] += f64::from(weight * (near[b] + (far[b] - near[b]) * share));
@@ -323,7 +402,7 @@ mod tests {
     fn the_table_holds_the_integral() {
         let beam = BeamPattern::uniform(BeamGrid::new(41, 70.0));
         let frustum = Frustum { x: (-0.5, 0.5), y: (-0.4, 0.4), farthest_m: 5.0 };
-        let table = ScatterTable::new(
+        let table = ScatterTable::of_strobe(
             &beam,
             Transform::identity(),
             &Lamps::one(Transform::identity()),
@@ -336,7 +415,7 @@ mod tests {
             assert!((is / ought(s) - 1.0).abs() < 0.02, "{is} instead of {} at {s} m", ought(s));
         }
         // A lamp beside the camera lights the near water less, and the far part of the ray as much.
-        let beside = ScatterTable::new(
+        let beside = ScatterTable::of_strobe(
             &beam,
             Transform::identity(),
             &Lamps::one(Transform::from_parts([0.8, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])),

@@ -110,6 +110,12 @@ impl BeamPattern {
         self.log_gain.iter().zip(self.seen.iter()).map(|(v, seen)| seen.then_some(*v)).collect()
     }
 
+    /// What was subtracted from the values that this pattern was made from, to bring its peak to 0.
+    pub fn level_of(&self, values: &[Option<f64>]) -> Option<f64> {
+        let nodes = values.iter().zip(self.log_gain.iter().zip(self.seen.iter()));
+        nodes.filter(|(_, (_, seen))| **seen).find_map(|(v, (gain, _))| Some((*v)? - gain))
+    }
+
     /// The same pattern on a grid so many times as fine, cubic between its nodes (Catmull and Rom):
     /// a lamp has no edges where a grid has nodes. At the rim of what was seen it goes straight on.
     pub fn refined(&self, times: usize) -> Self {

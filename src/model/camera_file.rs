@@ -105,6 +105,27 @@ pub struct GeometryFile {
     pub dvl_rotation_xyzw: Option<[f64; 4]>,
 }
 
+/// Tilts of seafloor planes that were assumed level.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TiltsFile {
+    /// of frames without a tilt of their own: median about the camera's x and y axes (deg)
+    pub median_deg: [f64; 2],
+    /// of the frames that pass one used
+    pub frames: Vec<TiltFile>,
+}
+
+/// The tilt of one frame's seafloor plane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TiltFile {
+    /// its time (ns)
+    pub stamp_ns: i64,
+    /// index of its log in `inputs`
+    #[serde(default)]
+    pub input: usize,
+    /// about the camera's x and y axes, around the range instrument (deg)
+    pub tilt_deg: [f64; 2],
+}
+
 impl CameraFile {
     /// In one line, for people.
     pub fn summary(&self) -> String {

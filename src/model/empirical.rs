@@ -2,7 +2,7 @@
 //! overlap does not determine attenuation.
 //!
 //! ```text
-//! c = r e^(a − b (ℓ_s − ℓ_0)) + B      per region and band; bilinear between regions
+//! c = r e^(a − b (ℓ_s − ℓ_0)) + B      per region and band; cubic between regions
 //! ```
 //!
 //! a contains beam pattern, vignetting and exposure, b attenuation, spreading and whatever else
@@ -81,9 +81,6 @@ pub struct EmpiricalModel {
     pub backscatter: Vec<Vec<f64>>,
 }
 
-/// Regions around a point, with bilinear weights.
-type Corners = [(usize, f64); 4];
-
 impl EmpiricalModel {
     /// Whether the model can be evaluated.
     ///
@@ -105,38 +102,57 @@ impl EmpiricalModel {
         Ok(())
     }
 
-    /// Regions around a point of the image plane; beyond the outermost centres, the edge.
-    pub fn corners(&self, x: f64, y: f64) -> Corners {
-        let place = |v: f64, [from, to]: [f64; 2], count: usize| {
-            let at = (v - from) / (to - from).max(1e-9) * count as f64 - 0.5;
-            let at = at.clamp(0.0, (count - 1) as f64);
-            let i = (at as usize).min(count - 2);
-            (i, at - i as f64)
-        };
-        let (column, a) = place(x, self.x, self.columns);
-        let (row, b) = place(y, self.y, self.rows);
-        let index = |r: usize, c: usize| r * self.columns + c;
-        [
-            (index(row, column), (1.0 - a) * (1.0 - b)),
-            (index(row, column + 1), a * (1.0 - b)),
-            (index(row + 1, column), (1.0 - a) * b),
-            (index(row + 1, column + 1), a * b),
-        ]
+    /// Regions around a point of the image plane with their weights.
+    fn around(&self, x: f64, y: f64) -> Vec<(usize, f64)> {
+        let (columns, rows) = (taps(x, self.x, self.columns), taps(y, self.y, self.rows));
+        let of_row = |(row, b): (usize, f64)| columns.map(|(c, a)| (row * self.columns + c, a * b));
+        rows.into_iter().flat_map(of_row).collect()
     }
 
     /// Log of direct light of a seafloor of reflectance 1, and backscatter, per band.
     pub fn light(&self, x: f64, y: f64, slant_range_m: f64) -> (Bands, Bands) {
-        let corners = self.corners(x, y);
-        let mean = |values: &[f64]| corners.iter().map(|(i, w)| values[*i] * w).sum::<f64>();
+        let around = self.around(x, y);
+        let mean = |values: &[f64]| around.iter().map(|(i, w)| values[*i] * w).sum::<f64>();
         let range_m = slant_range_m.clamp(self.range_m[0], self.range_m[1]);
         let (mut log_direct, mut scattered) = ([0.0; 3], [0.0; 3]);
         for b in 0..self.log_level.len().min(3) {
             let slope = mean(&self.slope_per_m[b]);
             log_direct[b] = mean(&self.log_level[b]) - slope * (range_m - self.reference_m);
-            scattered[b] = mean(&self.backscatter[b]);
+            scattered[b] = mean(&self.backscatter[b]).max(0.0);
         }
         (log_direct, scattered)
     }
+}
+
+/// Four regions along an axis and their weights: cubic (Catmull and Rom) between the centres, as
+/// light has no edges where a grid has nodes; straight on beyond the outermost ones, up to a
+/// region.
+fn taps(v: f64, [from, to]: [f64; 2], count: usize) -> [(usize, f64); 4] {
+    let last = count - 1;
+    let at = (v - from) / (to - from).max(1e-9) * count as f64 - 0.5;
+    let at = at.clamp(-1.0, last as f64 + 1.0);
+    let i = (at.max(0.0) as usize).min(last - 1);
+    let t = at - i as f64;
+    if !(0.0..=1.0).contains(&t) {
+        return [(i, 1.0 - t), (i + 1, t), (i, 0.0), (i, 0.0)];
+    }
+    let cubic = [
+        t * (-0.5 + t * (1.0 - 0.5 * t)),
+        1.0 + t * t * (1.5 * t - 2.5),
+        t * (0.5 + t * (2.0 - 1.5 * t)),
+        t * t * (0.5 * t - 0.5),
+    ];
+    let [mut before, mut near, mut next, mut after] = cubic;
+    // Before the first centre and after the last, the line goes straight on.
+    if i == 0 {
+        (near, next) = (near + 2.0 * before, next - before);
+        before = 0.0;
+    }
+    if i + 1 == last {
+        (next, near) = (next + 2.0 * after, near - after);
+        after = 0.0;
+    }
+    [(i.saturating_sub(1), before), (i, near), (i + 1, next), ((i + 2).min(last), after)]
 }
 
 #[cfg(test)]
@@ -144,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn light_is_bilinear_and_falls_with_range() {
+    fn light_is_smooth_over_the_image_and_falls_with_range() {
         let model = EmpiricalModel {
             form: EmpiricalForm::Backscatter,
             x: [-1.0, 1.0],
@@ -162,6 +178,23 @@ mod tests {
         let (log_direct, scattered) = model.light(0.0, 0.0, 2.5);
         assert!((log_direct[0] - (6.5 - 0.25)).abs() < 1e-12, "{log_direct:?}");
         assert!((scattered[0] - 0.01).abs() < 1e-12);
-        assert_eq!(model.light(-5.0, -5.0, 9.0).0[0], -0.5, "the edge, at the farthest range");
+        // Beyond the outermost centres it goes straight on, and no farther than a region.
+        let (corner, far) = (model.light(-1.0, -0.5, 9.0).0[0], model.light(-9.0, -9.0, 9.0).0[0]);
+        assert!((corner - (-5.5 - 0.5)).abs() < 1e-12, "{corner}");
+        assert!((far - (-11.0 - 0.5)).abs() < 1e-12, "{far}");
+    }
+
+    #[test]
+    fn between_regions_a_parabola_has_no_kinks() {
+        let count = 9;
+        let value = |at: f64| 0.3 * at * at - at;
+        let interpolated = |at: f64| {
+            let v = (at + 0.5) / count as f64;
+            taps(v, [0.0, 1.0], count).iter().map(|(i, w)| w * value(*i as f64)).sum::<f64>()
+        };
+        for k in 10..70 {
+            let at = 0.1 * f64::from(k);
+            assert!((interpolated(at) - value(at)).abs() < 1e-9, "{at}");
+        }
     }
 }

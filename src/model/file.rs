@@ -9,8 +9,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    AttenuationOverTime, Backscatter, BeamGrid, BeamPattern, CameraFile, EmpiricalModel,
-    FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SHAPES, SpreadingModel, Verdict,
+    AttenuationOverTime, BackscatterFile, BeamGrid, BeamPattern, CameraFile, DaylightFile,
+    EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SpreadingModel,
+    TiltsFile, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
@@ -177,25 +178,6 @@ pub struct MountCheckFile {
     pub residual: [f64; 2],
 }
 
-/// Light that the water scatters back.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BackscatterFile {
-    /// b: scattered light over a white seafloor's, per metre of lit water, in the unit of the log's
-    /// light (1/m)
-    pub strength_per_m: Vec<f64>,
-    /// its standard deviation (1/m)
-    pub strength_std_per_m: Vec<f64>,
-    /// the attenuation it is subject to (1/m)
-    pub attenuation_per_m: Vec<f64>,
-    /// η and ζ: light from directions of the beam that no frame showed, and light scattered
-    /// sideways (docs/method.md)
-    pub shape: [f64; SHAPES],
-    /// median share of it in the light of tracked points
-    pub median_share: Vec<f64>,
-    /// how much better frames that the solve did not see are foretold with it (share of the loss)
-    pub held_out_improvement: f64,
-}
-
 /// The whole file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelFile {
@@ -241,9 +223,15 @@ pub struct ModelFile {
     /// clock and mount that are used instead of those given
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub geometry: Option<GeometryFile>,
+    /// tilts of planes that were assumed level
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilts: Option<TiltsFile>,
     /// what the water scatters back; `null` where the log shows none
     #[serde(default)]
     pub backscatter: Option<BackscatterFile>,
+    /// daylight on the seafloor; absent where the log shows none
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub daylight: Option<DaylightFile>,
     /// light by regions of the image, where it corrects held-out frames better than attenuation and
     /// beam pattern
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -390,11 +378,8 @@ impl ModelFile {
             spreading,
             incidence: self.incidence,
             beam_pattern: self.beam_pattern.pattern()?,
-            backscatter: self.backscatter.as_ref().map(|b| Backscatter {
-                strength_per_m: bands(&b.strength_per_m),
-                attenuation_per_m: bands(&b.attenuation_per_m),
-                shape: b.shape,
-            }),
+            backscatter: self.backscatter.as_ref().map(BackscatterFile::backscatter),
+            daylight: self.daylight.as_ref().map(DaylightFile::daylight),
             empirical: self.empirical.clone().map(Arc::new),
         })
     }

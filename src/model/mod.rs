@@ -18,6 +18,7 @@
 mod backscatter;
 mod beam_pattern;
 mod camera_file;
+mod daylight;
 mod drift;
 mod empirical;
 mod file;
@@ -26,16 +27,20 @@ mod light_setting;
 pub mod limited;
 mod verdict;
 
-pub use backscatter::{Backscatter, Frustum, SHAPES, ScatterIntegral, ScatterTable};
+pub use backscatter::{
+    Backscatter, BackscatterFile, Frustum, SHAPES, ScatterIntegral, ScatterSource, ScatterTable,
+};
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use camera_file::{
-    CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, VignettingFile,
+    CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, TiltFile, TiltsFile,
+    VignettingFile,
 };
+pub use daylight::{Daylight, DaylightFile};
 pub use drift::{AttenuationOverTime, TimeNode};
 pub use empirical::{EmpiricalForm, EmpiricalModel};
 pub use file::{
-    AttenuationKind, BackscatterFile, BeamPatternFile, EstimatorAnswer, FORMAT, ImageAnswer,
-    InputFile, LampFile, ModelFile, MountCheckFile, RenderingFile, StrobeFile,
+    AttenuationKind, BeamPatternFile, EstimatorAnswer, FORMAT, ImageAnswer, InputFile, LampFile,
+    ModelFile, MountCheckFile, RenderingFile, StrobeFile,
 };
 pub use frame_gain::FrameGainFile;
 pub use light_setting::{LightLaw, LightSettingFile};
@@ -91,6 +96,8 @@ pub struct ImagingModel {
     pub beam_pattern: BeamPattern,
     /// what the water scatters back, where the log shows it
     pub backscatter: Option<Backscatter>,
+    /// daylight on the seafloor, where the log shows it
+    pub daylight: Option<Daylight>,
     /// light by regions of the image, which full correction uses instead of all of the above
     pub empirical: Option<Arc<EmpiricalModel>>,
 }
@@ -104,13 +111,31 @@ impl ImagingModel {
         }
     }
 
-    /// Log radiance of a white seafloor per band, of the parts that are chosen (Eq. 15).
+    /// The same under the strobe alone.
+    #[must_use]
+    pub fn without_daylight(&self) -> Self {
+        Self { daylight: None, ..self.clone() }
+    }
+
+    /// Log radiance of a white seafloor per band, of the parts that are chosen (Eq. 15); all parts
+    /// include daylight (Eq. 3).
     pub fn log_radiance(&self, path: &LightPath, parts: Removal) -> Bands {
         self.log_radiance_in(&self.attenuation_per_m, path, parts)
     }
 
     /// The same in water of another attenuation (1/m).
     pub fn log_radiance_in(&self, alpha: &Bands, path: &LightPath, parts: Removal) -> Bands {
+        let of_lamps = self.log_radiance_of_lamps(alpha, path, parts);
+        let Some(daylight) = self.daylight.filter(|_| parts == Removal::FULL) else {
+            return of_lamps;
+        };
+        let daylight = daylight.log_light(alpha, path.seafloor_to_camera_m);
+        std::array::from_fn(|b| {
+            if b < self.bands { log_sum([of_lamps[b], daylight[b]].into_iter()) } else { 0.0 }
+        })
+    }
+
+    fn log_radiance_of_lamps(&self, alpha: &Bands, path: &LightPath, parts: Removal) -> Bands {
         let beam = |p: &LightPath| self.beam_pattern.log_gain(p.angles);
         let others = |p: &LightPath, parts: Removal| self.log_beside_beam(alpha, p, parts);
         match path.lamp_paths() {

@@ -118,7 +118,7 @@ fn of_samples(
     let log_gains = log_gains(sessions, shared, &frames, &origins)?;
     let tracks = tracks(&frames, &pairs);
     let mut model = shared.imaging_model().map_err(Error::Usage)?;
-    (model.over_time, model.backscatter) = (Default::default(), None);
+    (model.over_time, model.backscatter, model.daylight) = (Default::default(), None, None);
     let slope = Slope { tracks: &tracks, frames: &frames, log_gains: &log_gains, lamps };
     let needed = options.config.estimate.least_pairs;
     let Some(found) = slope.solve(&mut model).filter(|_| tracks.len() >= needed) else {
@@ -159,6 +159,8 @@ fn file_of(
         geometry: geometry.filter(|g| g.dvl_rotation_xyzw.is_some()),
         mount_check: None,
         backscatter: None,
+        daylight: None,
+        tilts: None,
         verdict: None,
         frame_gains: Vec::new(),
         segments: Default::default(),

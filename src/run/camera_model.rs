@@ -5,7 +5,7 @@ use crate::correct::Correction;
 use crate::error::{Error, Result};
 use crate::image::Bands;
 use crate::model::ModelFile;
-use crate::session::{CameraSession, Frame, FrameGains, FrameRef};
+use crate::session::{CameraSession, Frame, FrameGains, FrameRef, Tilts};
 
 use super::model_of::strobe_of;
 use super::output_names::method_name;
@@ -47,10 +47,12 @@ impl CameraModel {
         if let Some(camera) = &file.camera {
             survey.take_camera(camera)?;
         }
+        // Clock and tilts are those of a recording.
+        let is_of_log = file.tilts.is_some() || file.geometry.is_some();
+        let own = if is_of_log { session.recording.sha256()? } else { "" };
+        let is_own = |sha256: &str| sha256 == own || Some(sha256) == source_sha256;
+        survey.tilts = Tilts::of(&file, &is_own);
         if let Some(mut geometry) = file.geometry.clone() {
-            // A clock is that of a recording.
-            let own = session.recording.sha256()?;
-            let is_own = |sha256: &str| sha256 == own || Some(sha256) == source_sha256;
             if !file.inputs.iter().any(|input| is_own(&input.sha256)) {
                 geometry.clock_offset_s = None;
             }

@@ -2,7 +2,7 @@
 
 use super::mount_check::{mount_check, mount_diagnostics, replaced, replaced_diagnostics};
 use super::pass_one::Collected;
-use super::pooled::{Pooled, frame_gains};
+use super::pooled::{Pooled, frame_gains, tilts_file};
 use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::{estimate_rendering, rendering_of};
@@ -25,6 +25,7 @@ use crate::model::{
 };
 use crate::session::survey::Survey;
 use crate::session::{CameraSession, Options};
+use crate::stats;
 use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount, StrobeSource};
 
 /// Points of a transfer curve, and the first of them beside 0: darker values are not sampled.
@@ -79,7 +80,9 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
             .as_ref()
             .filter(|_| found.replaces_mounts)
             .map(|m| replaced(m, rig, first.survey.camera_offset_s)),
+        tilts: found.tilts.as_ref().map(|t| tilts_file(t, &origins, frames)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
+        daylight: found.daylight.as_ref().map(|d| d.file(bands)),
         camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
         frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
         empirical: empirical.map(|fit| fit.model.clone()),
@@ -120,6 +123,17 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
     }
     if options.config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
         diagnostics.push(EstimateFact::BackscatterUnknown.into());
+    }
+    if let Some(tilts) = &found.tilts {
+        let sizes_deg: Vec<f64> =
+            tilts.tilts.iter().map(|t| t[0].hypot(t[1]).to_degrees()).collect();
+        let largest_deg = sizes_deg.iter().copied().fold(0.0, f64::max);
+        let median_deg = stats::median(&sizes_deg);
+        diagnostics.push(EstimateFact::TiltsFound { median_deg, largest_deg }.into());
+    }
+    if let Some(daylight) = &found.daylight {
+        let share = daylight.share.into_iter().fold(0.0, f64::max);
+        diagnostics.push(EstimateFact::DaylightFound { share }.into());
     }
     if let Some(mounts) = &found.mounts {
         let Survey { rig, camera_topic, camera_offset_s: offset_s, .. } = &first.survey;
@@ -201,6 +215,7 @@ fn response_file(curve: &ReadingCurve, assumed: Option<&ResponseTable>) -> Respo
 fn backscatter_file(found: &BackscatterFit, bands: usize) -> BackscatterFile {
     let of = |values: &Bands| values[..bands].to_vec();
     BackscatterFile {
+        source: found.backscatter.source,
         strength_per_m: of(&found.backscatter.strength_per_m),
         strength_std_per_m: of(&found.std_per_m),
         attenuation_per_m: of(&found.backscatter.attenuation_per_m),
@@ -334,7 +349,9 @@ fn file_of(
         mount_check: None,
         camera: None,
         geometry: None,
+        tilts: None,
         backscatter: None,
+        daylight: None,
         empirical: None,
         verdict: None,
         frame_gains: Vec::new(),

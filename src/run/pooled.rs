@@ -2,10 +2,11 @@
 
 use super::pass_one::Collected;
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, MatchedPair};
+use crate::estimate::{FrameSamples, MatchedPair, TiltFit};
 use crate::image::Bands;
-use crate::model::{FrameGainFile, InputFile};
+use crate::model::{FrameGainFile, InputFile, TiltFile, TiltsFile};
 use crate::session::{CameraSession, FrameId};
+use crate::stats;
 use crate::vehicle::SettingSeries;
 
 /// Samples of all logs.
@@ -74,6 +75,25 @@ impl Pooled {
         self.pairs.extend(pairs.map(|p| MatchedPair { a: p.a + offset, b: p.b + offset, ..p }));
         Ok(())
     }
+}
+
+/// Tilts of the frames' planes, for `model.json`.
+pub fn tilts_file(
+    found: &TiltFit,
+    origins: &[(usize, Option<FrameId>)],
+    frames: &[FrameSamples],
+) -> TiltsFile {
+    let degrees = |tilt: &[f64; 2]| tilt.map(|t| (t.to_degrees() * 1e6).round() / 1e6);
+    let of = |((input, _), (samples, tilt)): (&(usize, _), (&FrameSamples, &[f64; 2]))| TiltFile {
+        stamp_ns: samples.stamp.0,
+        input: *input,
+        tilt_deg: degrees(tilt),
+    };
+    let median = std::array::from_fn(|axis| {
+        stats::median(&found.tilts.iter().map(|t| t[axis]).collect::<Vec<_>>())
+    });
+    let frames = origins.iter().zip(frames.iter().zip(&found.tilts)).map(of).collect();
+    TiltsFile { median_deg: degrees(&median), frames }
 }
 
 /// Gains of the frames, for `model.json`, where they are not 1. Frames are those that were pooled;

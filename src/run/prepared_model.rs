@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use crate::config::{Method, RenderConfig};
 use crate::correct::{Correction, MeanFrames};
 use crate::image::noise::Electrons;
-use crate::model::{Frustum, ImagingModel, RenderingFile, ScatterTable};
+use crate::model::{Frustum, ImagingModel, RenderingFile, ScatterSource, ScatterTable};
 use crate::vehicle::Rig;
 
 /// Pass two reads the beam pattern from a grid this many times as fine.
@@ -93,6 +93,10 @@ pub fn removes_water(method: Method) -> bool {
 /// The backscatter of every ray, where the model has backscatter.
 pub fn scatter_table(model: &ImagingModel, rig: &Rig) -> Option<ScatterTable> {
     let backscatter = model.backscatter?;
+    let attenuation_per_m = backscatter.attenuation_per_m;
+    if backscatter.source == ScatterSource::Uniform {
+        return Some(ScatterTable::Uniform { attenuation_per_m });
+    }
     let (w, h) = ((rig.camera.width - 1) as f64, (rig.camera.height - 1) as f64);
     let edge = (0..=16)
         .map(|k| f64::from(k) / 16.0)
@@ -100,11 +104,11 @@ pub fn scatter_table(model: &ImagingModel, rig: &Rig) -> Option<ScatterTable> {
     let rays = edge
         .filter_map(|(u, v)| rig.camera.image_plane(u, v))
         .map(|(x, y)| (x, y, BACKSCATTER_REACH_M));
-    Some(ScatterTable::new(
+    Some(ScatterTable::of_strobe(
         &model.beam_pattern,
         rig.body_from_optical,
         &rig.strobe.lamps,
-        &backscatter.attenuation_per_m,
+        &attenuation_per_m,
         Frustum::around(rays),
     ))
 }

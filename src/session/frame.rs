@@ -5,9 +5,10 @@ use std::borrow::Cow;
 
 use super::camera::CameraSession;
 use super::index::FrameRef;
+use super::survey::Survey;
 use crate::diagnostics::Reason;
 use crate::error::Error;
-use crate::geometry::{NoSeafloor, SeafloorPlane, Terrain, View};
+use crate::geometry::{NoSeafloor, SeafloorPlane, Support, Terrain, View};
 use crate::image::decode::{CameraResponse, PixelValues, read_pixels_with};
 use crate::image::flat_field::FlatField;
 use crate::image::noise::Noise;
@@ -126,7 +127,10 @@ impl CameraSession {
     /// # Errors
     /// No ping near enough, no return, or an implausible plane.
     pub fn seafloor(&self, stamp: Stamp) -> Result<SeafloorPlane, NoSeafloor> {
-        self.survey.pings.seafloor(stamp, &self.survey.rig, &self.config.seafloor)
+        let Survey { pings, rig, tilts, .. } = &self.survey;
+        let plane = pings.seafloor(stamp, rig, &self.config.seafloor)?;
+        let tilt = tilts.as_ref().filter(|_| plane.support == Support::AssumedLevel);
+        Ok(tilt.map_or(plane, |tilts| plane.tilted(rig, tilts.at(stamp))))
     }
 
     /// Number of frames with a seafloor below them.

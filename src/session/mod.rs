@@ -17,6 +17,7 @@ mod log;
 mod options;
 mod readings;
 pub mod survey;
+mod tilts;
 
 pub use crate::parallel::Threads;
 pub use crate::recording::FrameId;
@@ -27,3 +28,4 @@ pub use index::FrameRef;
 pub use log::{Log, sha256};
 pub use options::{Options, Progress, Selection, Shard, Silent, Step};
 pub use readings::{ChannelReadings, Readings};
+pub use tilts::Tilts;

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::covariance::covariance;
 use super::equation::Equation;
-use super::terms::geometry::Geometry;
+use super::terms::Term;
 use super::{Problem, Solution};
 use crate::image::Bands;
 use crate::model::Backscatter;
@@ -33,6 +33,8 @@ pub struct JointAnswer {
     pub exponent: Option<(f64, f64)>,
     /// backscatter, and the standard deviation of b
     pub backscatter: Option<(Backscatter, Bands)>,
+    /// log d_Λ in the unit of `beam`, and its standard deviation
+    pub log_daylight: Option<(Bands, Bands)>,
     /// log BP by node, `None` where not solved for
     pub beam: Vec<Option<f64>>,
     /// tracks used
@@ -68,10 +70,10 @@ impl Estimated<'_> {
 }
 
 impl Problem<'_> {
-    /// The solution with standard deviations; `also_free` are parameters whose uncertainty counts.
-    pub fn answer(&self, solution: &Solution, also_free: Option<&Geometry>) -> Option<JointAnswer> {
+    /// The solution with standard deviations; `also_free` are terms whose uncertainty counts.
+    pub fn answer(&self, solution: &Solution, also_free: &[&dyn Term]) -> Option<JointAnswer> {
         let mut list = self.terms.list();
-        also_free.into_iter().for_each(|geometry| list.add(geometry));
+        also_free.iter().for_each(|term| list.add(*term));
         let first = self.terms.first_attenuation();
         let covariance = covariance(&self.system(&list), self.setup.independence, first)?;
         let estimated = Estimated { values: solution.values.as_slice(), covariance, first };
@@ -90,6 +92,7 @@ impl Problem<'_> {
             over_time: vec![([0.0; 3], [0.0; 3]); weights.len()],
             exponent: exponent.map(|i| estimated.combination(&[(i, 1.0)])),
             backscatter: self.terms.backscatter.as_ref().map(|term| (term.state, [0.0; 3])),
+            log_daylight: self.terms.daylight.as_ref().map(|t| (t.log_strength, [0.0; 3])),
             beam: self.terms.beam.by_node(estimated.values),
             tracks: self.ends.len(),
             observations: self.equations.len(),
@@ -106,6 +109,9 @@ impl Problem<'_> {
             if let Some((_, std)) = &mut answer.backscatter {
                 let unknown = self.terms.first_backscatter() + b;
                 std[b] = estimated.combination(&[(unknown, 1.0)]).1;
+            }
+            if let Some((_, std)) = &mut answer.log_daylight {
+                std[b] = estimated.combination(&[(self.terms.first_daylight() + b, 1.0)]).1;
             }
         }
         for b in 0..self.setup.bands.saturating_sub(1) {

@@ -1,8 +1,8 @@
 //! One observation as a linear equation in the unknowns.
 //!
 //! The equation of band Λ is `y = ρ + Σ x · unknown`, where y is the log of the direct light, less
-//! what geometry alone decides. Light from several lamps adds up, and backscatter is added to the
-//! direct light: both are linearised about the previous solution.
+//! what geometry alone decides. Light from several lamps and daylight add up, and backscatter is
+//! added to the direct light: both sums are linearised about the previous solution.
 
 use super::{Observation, Setup};
 use crate::geometry::LightPath;
@@ -32,18 +32,22 @@ pub struct Equation {
     pub y: Bands,
 }
 
-/// The part of the light path: of several lamps the linearised sum.
+/// The part of the light path: of several lamps, and with daylight, the linearised sum.
 pub struct PathTerms {
     /// nodes of the beam pattern's grid and their weights, `nodes_used` of them
     pub nodes: [(usize, f64); 4 * MAX_LAMPS],
     /// four per lamp
     pub nodes_used: usize,
-    /// ℓ (m)
+    /// ℓ (m) of the lamps' light
     pub length_m: f64,
     /// log ℓ_a, ℓ_a in metres
     pub log_strobe_leg: f64,
-    /// spreading and cos γ; of several lamps also the remainder of the linearised sum, per band
+    /// the lamps' share of the direct light; 1 without daylight
+    pub lamp_share: Bands,
+    /// spreading and cos γ; of a sum also its remainder, per band
     pub geometry: Bands,
+    /// the same of the lamps' light alone
+    lamp_geometry: Bands,
     /// ℓ_s (m)
     pub seafloor_to_camera_m: f64,
     /// the lamps, where there are several
@@ -122,7 +126,9 @@ impl Equation {
             nodes_used: 0,
             length_m: 0.0,
             log_strobe_leg: 0.0,
+            lamp_share: [1.0; 3],
             geometry: [0.0; 3],
+            lamp_geometry: [0.0; 3],
             seafloor_to_camera_m: 0.0,
             legs: Vec::new(),
         };
@@ -130,8 +136,9 @@ impl Equation {
         Self { frame, source: 0, index: 0, path, reading, radius_squared: 0.0, y }
     }
 
-    /// Linearises the sum over several lamps about a solution (see `PathTerms::linearize`).
-    pub fn linearize_lamps(&mut self, state: &LampState<'_>) {
+    /// Linearises the sum over several lamps and daylight about a solution (see
+    /// `PathTerms::linearize`).
+    pub fn linearize_light(&mut self, state: &LightState<'_>) {
         let before = self.path.geometry;
         self.path.linearize(state);
         (0..3).for_each(|b| self.y[b] += before[b] - self.path.geometry[b]);
@@ -184,10 +191,12 @@ impl Reading {
 /// log BP from nodes of the grid and their weights.
 pub type LogBeam<'f> = dyn Fn(&[(usize, f64)]) -> f64 + 'f;
 
-/// A solution as the sum over lamps needs it.
-pub struct LampState<'s> {
+/// A solution as the sum over lamps and daylight needs it.
+pub struct LightState<'s> {
     /// 1 or 3
     pub bands: usize,
+    /// log d_Λ, where there is daylight
+    pub log_daylight: Option<Bands>,
     /// α at the observation's frame (1/m)
     pub attenuation_per_m: Bands,
     /// the strobe leg's spreading exponent, where it is an unknown, else 0
@@ -217,18 +226,51 @@ impl PathTerms {
             nodes_used,
             length_m: path.length_m(),
             log_strobe_leg: path.strobe_to_seafloor_m.ln(),
+            lamp_share: [1.0; 3],
             geometry: [effective.log_geometry; 3],
+            lamp_geometry: [effective.log_geometry; 3],
             seafloor_to_camera_m: path.seafloor_to_camera_m,
             legs,
         })
     }
 
-    /// log Σ_k e^{u_k} ≈ Σ_k s_k u_k + remainder, where u_k = B_k − α ℓ_k + geometry of lamp k and
-    /// s_k is its share of the light. Does nothing for one lamp.
-    fn linearize(&mut self, state: &LampState<'_>) {
-        if self.legs.is_empty() {
-            return;
+    /// ℓ (m), of daylight ℓ_s, weighted by their shares: −∂ log D / ∂α.
+    pub fn length_in(&self, band: usize) -> f64 {
+        let share = self.lamp_share[band];
+        share * self.length_m + (1.0 - share) * self.seafloor_to_camera_m
+    }
+
+    /// Linearises the sum over lamps, then that of lamps and daylight.
+    fn linearize(&mut self, state: &LightState<'_>) {
+        if !self.legs.is_empty() {
+            self.linearize_lamps(state);
         }
+        self.geometry = self.lamp_geometry;
+        if let Some(log_daylight) = &state.log_daylight {
+            self.linearize_daylight(state, log_daylight);
+        }
+    }
+
+    /// log(e^u + e^v) = s u + (1 − s) v + H(s), where u is the log of the lamps' light, v =
+    /// log d − α ℓ_s that of daylight (Eq. 3), s the lamps' share and H(s) the entropy of the
+    /// shares. By band: water takes red daylight on its way down.
+    fn linearize_daylight(&mut self, state: &LightState<'_>, log_daylight: &Bands) {
+        let log_beam = (state.log_beam)(&self.nodes[..self.nodes_used]);
+        for b in 0..state.bands {
+            let alpha = state.attenuation_per_m[b];
+            let of_lamps = log_beam - alpha * self.length_m - state.exponent * self.log_strobe_leg
+                + self.lamp_geometry[b];
+            let daylight = log_daylight[b] - alpha * self.seafloor_to_camera_m;
+            let share = 1.0 / (1.0 + (daylight - of_lamps).exp());
+            self.lamp_share[b] = share;
+            self.geometry[b] =
+                share * self.lamp_geometry[b] + (1.0 - share) * log_daylight[b] + entropy(share);
+        }
+    }
+
+    /// log Σ_k e^{u_k} ≈ Σ_k s_k u_k + remainder, where u_k = B_k − α ℓ_k + geometry of lamp k and
+    /// s_k is its share of the light.
+    fn linearize_lamps(&mut self, state: &LightState<'_>) {
         // Without geometry, as far as it is not an unknown.
         let log_light: Vec<Bands> = self
             .legs
@@ -253,15 +295,21 @@ impl PathTerms {
         let shares: Vec<f64> = (0..self.legs.len()).map(share).collect();
         self.length_m = self.seafloor_to_camera_m;
         self.log_strobe_leg = self.legs.iter().zip(&shares).map(|(l, s)| s * l.length_m.ln()).sum();
-        self.geometry = sums;
+        self.lamp_geometry = sums;
         for (k, (leg, share)) in self.legs.iter().zip(&shares).enumerate() {
             for (slot, (node, weight)) in self.nodes[4 * k..4 * k + 4].iter_mut().zip(leg.nodes) {
                 *slot = (node, share * weight);
             }
             self.length_m += share * leg.length_m;
-            self.geometry.iter_mut().zip(log_light[k]).for_each(|(g, u)| *g -= share * u);
+            self.lamp_geometry.iter_mut().zip(log_light[k]).for_each(|(g, u)| *g -= share * u);
         }
     }
+}
+
+/// −s log s − (1 − s) log(1 − s).
+fn entropy(share: f64) -> f64 {
+    let of = |s: f64| if s > 0.0 { -s * s.ln() } else { 0.0 };
+    of(share) + of(1.0 - share)
 }
 
 impl Setup<'_> {

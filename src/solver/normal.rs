@@ -158,9 +158,9 @@ impl Normal {
                 system.terms.band_row(equation, b, &mut own);
                 for (k, (p, x)) in own.iter().enumerate() {
                     self.right[*p] += w * x * y;
-                    for (q, z) in common.iter().chain(&own[..=k]) {
-                        self.matrix[(*p, *q)] += w * x * z;
-                    }
+                    self.add_products((*p, w * x), &common);
+                    self.add_products((*p, w * x), &own[..k]);
+                    self.matrix[(*p, *p)] += w * x * x;
                     self.sum(*p, |of| if of == b { w * x } else { 0.0 });
                 }
                 total[b] += w;
@@ -175,13 +175,19 @@ impl Normal {
         let of_all = weight[..bands].iter().sum::<f64>();
         for (k, (p, x)) in row.iter().enumerate() {
             self.right[*p] += x * (0..bands).map(|b| weight[b] * y[b]).sum::<f64>();
-            for (j, (q, z)) in row[..=k].iter().enumerate() {
-                // Two lamps that light a point from the same direction share nodes of the beam:
-                // such a pair counts both ways.
-                let times = if j < k && p == q { 2.0 } else { 1.0 };
-                self.matrix[(*p.max(q), *p.min(q))] += times * of_all * x * z;
-            }
+            self.add_products((*p, of_all * x), &row[..k]);
+            self.matrix[(*p, *p)] += of_all * x * x;
             self.sum(*p, |b| if b < bands { weight[b] * x } else { 0.0 });
+        }
+    }
+
+    /// Adds products of one derivative, with its weight, with others of the same equation.
+    fn add_products(&mut self, (p, weighted): (usize, f64), others: &[(usize, f64)]) {
+        for (q, z) in others {
+            // Two lamps that light a point from the same direction share nodes of the beam: such a
+            // pair counts both ways.
+            let times = if p == *q { 2.0 } else { 1.0 };
+            self.matrix[(p.max(*q), p.min(*q))] += times * weighted * z;
         }
     }
 

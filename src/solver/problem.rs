@@ -8,12 +8,14 @@ use super::equation::Equation;
 use super::normal::LinearSystem;
 use super::reweight::reweight;
 use super::row::Row;
+use super::terms::daylight::Daylight as DaylightTerm;
 use super::terms::geometry::{Geometry, Parameter};
+use super::terms::tilt::{AXES, Tilt};
 use super::terms::{CameraSolution, Term, TermList, Terms};
 use super::{Observation, PathFor, Setup, Track};
 use crate::geometry::LightPath;
 use crate::image::Bands;
-use crate::model::{Backscatter, BeamPattern, ImagingModel, Removal, SpreadingModel};
+use crate::model::{Backscatter, BeamPattern, Daylight, ImagingModel, Removal, SpreadingModel};
 use crate::parallel::par_map;
 use crate::stats;
 use crate::vehicle::Lamps;
@@ -24,6 +26,8 @@ const DARKEST: f64 = 0.02;
 const MIN_TRACKS: usize = 30;
 const MIN_OBSERVATIONS_PER_UNKNOWN: usize = 2;
 const MAX_COUNTED_UNKNOWNS: usize = 100;
+/// Regions of a frame whose errors are independent.
+const INDEPENDENT_REGIONS: f64 = 20.0;
 
 /// The linear problem of one strobe mount.
 pub struct Problem<'s> {
@@ -50,6 +54,8 @@ pub struct Fit {
     pub backscatter: Backscatter,
     /// BP
     pub beam: BeamPattern,
+    /// daylight, in the unit of BP
+    pub daylight: Option<Daylight>,
 }
 
 /// A step of parameters that lowers the residuals most, with standard deviations, in their units.
@@ -99,6 +105,9 @@ impl<'s> Problem<'s> {
         if let Some(term) = &mut terms.backscatter {
             term.max_strength_per_m = darkest(&equations, &term.state);
         }
+        if let (Some(term), Some(share)) = (&mut terms.daylight, setup.daylight) {
+            *term = DaylightTerm::new(setup.bands, begun_daylight(&equations, &share));
+        }
         let weights = equations.iter().map(|e| e.reading.direct_share.map(|d| d * d)).collect();
         Some(Self { setup: *setup, equations, ends, terms, weights })
     }
@@ -118,7 +127,7 @@ impl<'s> Problem<'s> {
     pub fn solve(&mut self, rounds: usize) -> Option<Solution> {
         let unknowns = self.terms.list().unknowns();
         let mut solution = None;
-        self.linearize_lamps(&DVector::zeros(unknowns));
+        self.linearize_light(&mut DVector::zeros(unknowns));
         for _ in 0..rounds.max(1) {
             let list = self.terms.list();
             let system = self.system(&list);
@@ -131,7 +140,7 @@ impl<'s> Problem<'s> {
             let firsts = self.firsts_of_camera();
             self.terms.camera.update_gains(firsts, &values, &factor, residual);
             self.linearize_reading(&mut values);
-            self.linearize_lamps(&values);
+            self.linearize_light(&mut values);
             solution = Some(Solution { values, residual });
         }
         solution
@@ -148,15 +157,18 @@ impl<'s> Problem<'s> {
         self.terms.camera.solution(frames, self.firsts_of_camera(), values)
     }
 
-    /// The light of several lamps adds up: its logarithm is made linear about a solution.
-    fn linearize_lamps(&mut self, values: &DVector<f64>) {
-        if self.equations.iter().all(|e| e.path.legs.is_empty()) {
+    /// The light of several lamps and daylight adds up: its logarithm is made linear about a
+    /// solution.
+    fn linearize_light(&mut self, values: &mut DVector<f64>) {
+        let has_daylight = self.terms.daylight.is_some();
+        if !has_daylight && self.equations.iter().all(|e| e.path.legs.is_empty()) {
             return;
         }
+        self.terms.apply_daylight(values.as_mut_slice());
         let (terms, values) = (&self.terms, values.as_slice());
         let log_beam = |nodes: &[(usize, f64)]| terms.beam.log_gain(nodes, values);
         for equation in &mut self.equations {
-            equation.linearize_lamps(&terms.lamp_state(equation.frame, values, &log_beam));
+            equation.linearize_light(&terms.light_state(equation.frame, values, &log_beam));
         }
     }
 
@@ -207,6 +219,13 @@ impl<'s> Problem<'s> {
         self.terms.backscatter.as_ref().map_or(Backscatter::NONE, |term| term.state)
     }
 
+    /// Daylight in the unit of a beam pattern that was made from these nodes.
+    pub(super) fn daylight(&self, by_node: &[Option<f64>], beam: &BeamPattern) -> Option<Daylight> {
+        let term = self.terms.daylight.as_ref()?;
+        let in_unit_of_nodes = Daylight { log_strength: term.log_strength };
+        Some(in_unit_of_nodes.shifted(-beam.level_of(by_node)?))
+    }
+
     /// A solution as a model, without standard deviations.
     pub fn fit(&self, solution: &Solution) -> Fit {
         let (attenuation, first) = (&self.terms.attenuation, self.terms.first_attenuation());
@@ -214,18 +233,20 @@ impl<'s> Problem<'s> {
         let node = |b: usize, k: usize| solution.values[first + attenuation.unknown(b, k)];
         let mean = |b: usize| weights.iter().enumerate().map(|(k, w)| w * node(b, k)).sum();
         let by_node = self.terms.beam.by_node(solution.values.as_slice());
+        let beam = BeamPattern::from_nodes(self.setup.grid, &by_node);
         Fit {
             attenuation_per_m: std::array::from_fn(|b| {
                 if b < self.setup.bands { mean(b) } else { 0.0 }
             }),
             backscatter: self.backscatter(),
-            beam: BeamPattern::from_nodes(self.setup.grid, &by_node),
+            daylight: self.daylight(&by_node, &beam),
+            beam,
         }
     }
 
     /// The solution as an imaging model without backscatter; α is the mean over the frames.
     pub fn imaging_model(&self, solution: &Solution) -> ImagingModel {
-        let Fit { attenuation_per_m, beam, .. } = self.fit(solution);
+        let Fit { attenuation_per_m, beam, daylight, .. } = self.fit(solution);
         let exponent = self.terms.exponent_unknown().map(|i| solution.values[i]);
         let spreading = SpreadingModel {
             strobe_leg: exponent.unwrap_or(self.setup.spreading.strobe_leg),
@@ -239,6 +260,7 @@ impl<'s> Problem<'s> {
             incidence: self.setup.config.incidence,
             beam_pattern: beam,
             backscatter: None,
+            daylight,
             empirical: None,
         }
     }
@@ -281,6 +303,41 @@ impl<'s> Problem<'s> {
         })
     }
 
+    /// Tilts of the frames as one more term; see `tilt_steps`.
+    pub fn tilt_term<'t>(
+        &self,
+        solution: &Solution,
+        (derivatives, state, stds): (&'t Geometry, &'t [[f64; AXES]], [f64; 2]),
+    ) -> Tilt<'t> {
+        let frames = self.setup.independence.frames;
+        // Errors are common to regions of a frame: so many of its observations are one.
+        let together = self.equations.len() as f64 / (INDEPENDENT_REGIONS * frames as f64);
+        let hold_weights = stds.map(|std| (solution.residual / std).powi(2) * together.max(1.0));
+        Tilt { frames, derivatives, state, hold_weights }
+    }
+
+    /// Steps of the tilts about the camera's x and y axes (rad) that lower the residuals most, to
+    /// first order, with everything else free: of the tilt that all planes share, then of each
+    /// frame's own. `parameters` tilt an observation's own frame; `stds` are standard deviations of
+    /// the shared tilt and of the frames' own, `state` the tilts in hand (rad).
+    pub fn tilt_steps(
+        &self,
+        tracks: &[Track],
+        parameters: &[Parameter<'_>],
+        solution: &Solution,
+        (state, stds): (&[[f64; AXES]], [f64; 2]),
+    ) -> Option<Vec<[f64; AXES]>> {
+        let derivatives = &self.differentiate(tracks, parameters, solution);
+        let tilt = self.tilt_term(solution, (derivatives, state, stds));
+        let mut list = self.terms.list();
+        let first = list.unknowns();
+        list.add(&tilt);
+        let (normal, right) = self.system(&list).normal_equations(list.prior());
+        let values = normal.cholesky()?.solve(&right);
+        let steps = values.as_slice()[first..first + tilt.columns()].chunks_exact(AXES);
+        Some(steps.map(|step| std::array::from_fn(|axis| step[axis])).collect())
+    }
+
     /// Log reflectance by one observation's own light, and its share of direct light: the
     /// prediction of a solution for any observation.
     pub fn reflectance_by(
@@ -298,8 +355,8 @@ impl<'s> Problem<'s> {
         let mut equation = Equation::new(&setup, &is_solved, o, &path, 0)?;
         let values = solution.values.as_slice();
         let log_beam = |nodes: &[(usize, f64)]| self.terms.beam.log_gain(nodes, values);
-        if !equation.path.legs.is_empty() {
-            equation.linearize_lamps(&self.terms.lamp_state(equation.frame, values, &log_beam));
+        if !equation.path.legs.is_empty() || self.terms.daylight.is_some() {
+            equation.linearize_light(&self.terms.light_state(equation.frame, values, &log_beam));
         }
         let list = self.terms.list();
         let log_reflectance =
@@ -332,6 +389,14 @@ fn light_paths<'t>(
 /// Whether all directions of a light path lie on the beam pattern's grid.
 fn is_inside(setup: &Setup<'_>, path: &LightPath) -> bool {
     path.all_angles().all(|a| setup.grid.holds(a))
+}
+
+/// log d for which daylight has this share of the light of the median equation, the beam pattern
+/// and the water being unknown.
+fn begun_daylight(equations: &[Equation], share: &Bands) -> Bands {
+    let lamps: Vec<f64> = equations.iter().map(|e| e.path.geometry[0]).collect();
+    let level = stats::median(&lamps);
+    share.map(|s| level + (s / (1.0 - s)).ln())
 }
 
 /// The largest b that the darkest observations allow (1/m).

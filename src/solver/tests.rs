@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::*;
 use crate::coordinates::{Body, Direction, Point, Strobe, Transform};
-use crate::model::{BeamPattern, ImagingModel, Removal};
+use crate::model::{BeamPattern, Daylight, ImagingModel, Removal};
 
 const ALPHA: [f64; 3] = [0.45, 0.14, 0.1];
 
@@ -27,6 +27,7 @@ fn truth(grid: BeamGrid, strobe_leg: f64) -> ImagingModel {
         incidence: true,
         beam_pattern: BeamPattern::from_nodes(grid, &nodes),
         backscatter: None,
+        daylight: None,
         empirical: None,
     }
 }
@@ -87,6 +88,26 @@ fn the_exponent_comes_back() {
     let (exponent, _) = answer.exponent.expect("an exponent");
     assert!((exponent - 1.7).abs() < 0.02, "{exponent}");
     assert!((answer.attenuation_per_m[0] - ALPHA[0]).abs() < 5e-3);
+}
+
+#[test]
+fn daylight_and_the_water_it_crosses_come_back() {
+    let (config, grid) = (EstimateConfig::default(), BeamGrid::new(25, 70.0));
+    let daylight = Daylight { log_strength: [-4.5, -3.0, -2.5] };
+    let model = ImagingModel { daylight: Some(daylight), ..truth(grid, 2.0) };
+    let setup = Setup { daylight: Some([0.1; 3]), rounds: 24, ..setup(&config, grid) };
+    let tracks = tracks(&model);
+    let mut problem = Problem::new(&tracks, &setup, lamps(), &sample_path).expect("a problem");
+    let solution = problem.solve(setup.rounds).expect("a solution");
+    let fit = problem.fit(&solution);
+    let found = fit.daylight.expect("daylight");
+    for b in 0..3 {
+        let error = fit.attenuation_per_m[b] - ALPHA[b];
+        assert!(error.abs() < 1e-4, "band {b}: {error}");
+        // In the unit of the peak that was seen, which is not the truth's.
+        let error = |b: usize| found.log_strength[b] - daylight.log_strength[b];
+        assert!((error(b) - error(1)).abs() < 1e-3, "band {b}: {}", error(b));
+    }
 }
 
 #[test]

@@ -152,24 +152,56 @@ fn recorded_settings_that_follow_altitude_are_believed() {
 }
 
 #[test]
-fn a_bare_altimeter_takes_its_slopes_from_the_attitude() {
-    let dive = Dive { dvl: DvlType::Altimeter, ..dive(210, Conditions::default()) };
-    assert_calibrated("altimeter", &dive, 0.0155, [1.085, 0.057, 0.052]);
+fn a_bare_altimeter_takes_its_slopes_from_the_overlap() {
+    let altimeter = Dive { dvl: DvlType::Altimeter, ..dive(210, Conditions::default()) };
+    let v = assert_calibrated("altimeter", &altimeter, 0.0155, [1.05, 0.012, 0.008]);
+    assert_eq!(v.model.tilts.expect("tilts").frames.len(), 40);
+
+    // Without an attitude every frame has its own tilt, of 3° at most.
+    let alone = Dive { with_imu: false, ..altimeter };
+    let v = assert_calibrated("altimeter alone", &alone, 0.03, [1.10, 0.02, 0.01]);
+    let tilts = v.model.tilts.expect("tilts");
+    let mean = |axis: usize| tilts.frames.iter().map(|t| t.tilt_deg[axis]).sum::<f64>() / 40.0;
+    let spread = |axis: usize| {
+        let off = |t: &unwater::model::TiltFile| (t.tilt_deg[axis] - mean(axis)).powi(2);
+        (tilts.frames.iter().map(off).sum::<f64>() / 40.0).sqrt()
+    };
+    assert!((1.5..3.0).contains(&spread(0)) && (1.5..3.0).contains(&spread(1)));
 }
 
-/// A lamp of another pattern that is absent from the transforms is not modelled: that must show.
+#[test]
+fn daylight_is_told_from_the_strobe() {
+    let sunlit = |daylight: f64| Conditions { daylight, ..Conditions::default() };
+    let v = assert_calibrated("daylight", &dive(213, sunlit(0.2)), 0.010, [1.04, 0.015, 0.01]);
+    let daylight = v.model.daylight.expect("daylight");
+    // The share is that of the means over dive and bands.
+    let share = daylight.median_share.iter().sum::<f64>() / 3.0;
+    assert_within("daylight: share", share / (1.0 - share) - 0.2, 0.1);
+    assert!(v.model.camera.is_none() && v.model.backscatter.is_none());
+
+    // Without a strobe to speak of; the seafloor slopes, so its depth is not the same everywhere.
+    let v = assert_calibrated("sun alone", &dive(214, sunlit(50.0)), 0.010, [1.04, 0.03, 0.04]);
+    assert!(v.model.daylight.expect("daylight").median_share.iter().all(|s| *s > 0.9));
+}
+
+#[test]
+fn an_even_field_is_told_from_a_black_level_and_from_the_strobes() {
+    use unwater::model::ScatterSource;
+    let even = Conditions { uniform_backscatter: 0.1, ..Conditions::default() };
+    let v = assert_calibrated("even field", &dive(215, even), 0.010, [1.04, 0.015, 0.01]);
+    let found = v.model.backscatter.expect("backscatter");
+    assert_eq!((found.source, v.model.camera), (ScatterSource::Uniform, None));
+}
+
+/// What the log does not tell apart must show.
 #[test]
 fn a_confident_wrong_number_is_not_given() {
     use crate::support::render::conditions::SecondLamp;
     let lamp = Conditions { second_lamp: SecondLamp::Unlisted, ..Conditions::default() };
-    let without_imu =
-        Dive { dvl: DvlType::Altimeter, with_imu: false, ..dive(211, Conditions::default()) };
-    let sunlit = Conditions { daylight: 0.2, has_depth_sensor: true, ..Conditions::default() };
-    let dives = [
-        ("second lamp", dive(212, lamp)),
-        ("no attitude", without_imu),
-        ("daylight", dive(213, sunlit)),
-    ];
+    // Exposure and tilts at once.
+    let metered = Conditions { auto_exposure: 0.8, ..Conditions::default() };
+    let without_imu = Dive { dvl: DvlType::Altimeter, with_imu: false, ..dive(211, metered) };
+    let dives = [("second lamp", dive(212, lamp)), ("no attitude", without_imu)];
     for (what, dive) in dives {
         let (v, _) = judged(&dive, &Options::default());
         let z = v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m);

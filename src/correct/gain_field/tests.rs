@@ -25,6 +25,7 @@ fn model() -> ImagingModel {
         beam_pattern: BeamPattern::from_nodes(nodes, &pattern).refined(8),
         over_time: Default::default(),
         backscatter: None,
+        daylight: None,
         empirical: None,
     }
 }

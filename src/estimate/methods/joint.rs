@@ -1,17 +1,24 @@
 //! The joint solve as an estimator: all terms, with the error budget.
 
+use nalgebra::Vector3;
+
 use super::{Candidate, enough_tracks};
 use crate::config::{EstimateConfig, Spreading};
 use crate::diagnostics::NoAnswer;
 use crate::estimate::quality::error_budget::{FEW_ROUNDS, common_errors, freedom_inflation};
-use crate::estimate::{Dataset, angular_bins};
+use crate::estimate::{Dataset, angular_bins, daylight};
 use crate::image::Bands;
 use crate::model::{
-    AttenuationOverTime, BeamGrid, ImagingModel, ScatterIntegral, SpreadingModel, TimeNode,
+    AttenuationOverTime, BeamGrid, Daylight, ImagingModel, ScatterIntegral, SpreadingModel,
+    TimeNode,
 };
-use crate::solver::{JointAnswer, Observation, ScatterOf, Setup, Track, sample_path, solve};
+use crate::solver::terms::geometry::ShiftedPlanes;
+use crate::solver::{
+    FreeTilts, JointAnswer, Observation, ScatterOf, Setup, Track, sample_path, solve,
+};
 use crate::stats;
 use crate::units::Stamp;
+use crate::vehicle::Lamps;
 
 /// Attenuation, beam pattern and reflectances in one robust solve.
 ///
@@ -24,11 +31,19 @@ pub fn estimate(
 ) -> Result<Candidate, NoAnswer> {
     enough_tracks(data, config)?;
     let scatter_of = |o: &Observation| {
-        data.backscatter.map_or(ScatterIntegral::default(), |(fit, _)| fit.scatter(data, &o.sample))
+        data.backscatter.map_or(ScatterIntegral::default(), |fit| fit.scatter(data, &o.sample))
+    };
+    let planes = data.plane_tracks();
+    let tilted = |o: &Observation, tilt: [f64; 2], lamps: Lamps| {
+        let (body_from_optical, (instrument, _)) = (data.body_from_optical, data.tilts?);
+        let by = Vector3::new(0.0, tilt[0], tilt[1]);
+        ShiftedPlanes { planes: &planes, body_from_optical, instrument, by }.path(o, lamps)
     };
     let tracks = data.raw_tracks();
     let setup = Setup {
-        scatter: data.backscatter.map(|(fit, _)| (&fit.backscatter, &scatter_of as &ScatterOf<'_>)),
+        tilts: data.tilts.map(|(_, stds)| FreeTilts { path: &tilted, stds }),
+        scatter: data.backscatter.map(|fit| (&fit.backscatter, &scatter_of as &ScatterOf<'_>)),
+        daylight: data.daylight.map(|fit| daylight::begun(&fit.share)),
         segments: data.drift.map(|d| &d.grid),
         fit_exponent: config.spreading == Spreading::Fit,
         free_strobe: data.strobe_is_free,
@@ -87,6 +102,10 @@ fn model_of(data: &Dataset<'_>, answer: &JointAnswer, config: &EstimateConfig) -
     };
     let alpha = answer.attenuation_per_m;
     let beam_pattern = angular_bins::completed(&answer.beam, data, &alpha, spreading, config);
+    let daylight = answer.log_daylight.and_then(|(log_strength, _)| {
+        let level = beam_pattern.level_of(&answer.beam)?;
+        Some(Daylight { log_strength }.shifted(-level))
+    });
     let over_time = data.drift.map(|d| {
         let node = |(stamp, (alpha, std)): (&Stamp, &(Bands, Bands))| TimeNode {
             stamp_ns: stamp.0,
@@ -98,6 +117,7 @@ fn model_of(data: &Dataset<'_>, answer: &JointAnswer, config: &EstimateConfig) -
     ImagingModel {
         over_time: over_time.unwrap_or_default(),
         backscatter: answer.backscatter.map(|b| b.0),
+        daylight,
         ..data.model(alpha, spreading, beam_pattern, config)
     }
 }

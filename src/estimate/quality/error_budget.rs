@@ -120,18 +120,26 @@ fn slope(points: impl Iterator<Item = (f64, f64)>) -> f64 {
     if variance > 0.0 { ((sum_le - sum_l * sum_e / n) / variance).abs() } else { 0.0 }
 }
 
-/// Factor by which common-mode errors grow where the exponent or the strobe position is free, per
-/// band.
+/// Factor by which common-mode errors grow where exponent, strobe position, tilts or daylight are
+/// free, per band.
 pub fn freedom_inflation(
     data: &Dataset<'_>,
     tracks: &[Track],
     setup: &Setup<'_>,
     std_per_m: &Bands,
 ) -> Bands {
-    if !setup.fit_exponent && !setup.free_strobe {
+    let is_free = setup.fit_exponent || setup.free_strobe;
+    if !is_free && setup.tilts.is_none() && setup.daylight.is_none() {
         return [1.0; 3];
     }
-    let held = Setup { fit_exponent: false, free_strobe: false, rounds: FEW_ROUNDS, ..*setup };
+    let held = Setup {
+        fit_exponent: false,
+        free_strobe: false,
+        tilts: None,
+        daylight: None,
+        rounds: FEW_ROUNDS,
+        ..*setup
+    };
     let Some(held) = solve(tracks, &held, data.lamps, &sample_path) else { return [1.0; 3] };
     std::array::from_fn(|b| COMMON_OVER_SINGLE * (std_per_m[b] / held.std_per_m[b]).max(1.0))
 }

@@ -2,8 +2,8 @@
 
 use crate::config::EstimateConfig;
 use crate::diagnostics::NotIdentified;
-use crate::estimate::Dataset;
 use crate::estimate::methods::Candidate;
+use crate::estimate::{CameraTermsFound, Dataset};
 use crate::image::Bands;
 
 /// With fewer frames neither backscatter nor changes of the light can be recognised.
@@ -17,6 +17,8 @@ const MIN_DIFFERENCE_PER_M: f64 = 0.03;
 const MAX_SYSTEMATIC: f64 = 0.0065;
 /// Backscatter that is not modelled may change α by this share.
 const UNMODELLED_SHARE: f64 = 0.1;
+/// Standard deviation of the tilt of a frame, about which nothing is known (rad).
+const FREE_TILT_RAD: f64 = 0.02;
 /// Largest standard deviation of α (1/m).
 const MAX_STD_PER_M: f64 = 0.08;
 
@@ -35,6 +37,12 @@ pub fn not_identified(
     let frames = data.frames.len();
     if frames < MIN_FRAMES {
         return Some(NotIdentified::FewFrames { frames, needed: MIN_FRAMES });
+    }
+    if is_tilt_ambiguous(data) {
+        return Some(NotIdentified::TiltsAmbiguous);
+    }
+    if may_lamps_differ(data) {
+        return Some(NotIdentified::LampsMayDiffer { lamps: data.lamps.lamps().len() });
     }
     let model = &candidate.model;
     let alpha = &model.attenuation_per_m[..model.bands];
@@ -55,6 +63,21 @@ pub fn not_identified(
     }
     let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
     (worst > MAX_STD_PER_M).then_some(NotIdentified::Uncertain { std_per_m: worst })
+}
+
+/// Whether tilts of all frames, and gains or the strobe's position with them, come from the light
+/// alone: they stand in for one another.
+fn is_tilt_ambiguous(data: &Dataset<'_>) -> bool {
+    let has_attitude = data.tilts.is_none_or(|(_, [_, of_frame])| of_frame < FREE_TILT_RAD);
+    let sets_gain = data.camera.is_some_and(|camera| camera.found.gains || camera.found.law);
+    !has_attitude && (sets_gain || data.strobe_is_free)
+}
+
+/// Whether several lamps, for which one beam pattern is fitted, leave what looks like a fault of
+/// the camera: it may be the difference of their patterns.
+fn may_lamps_differ(data: &Dataset<'_>) -> bool {
+    let is_suspect = |found: CameraTermsFound| found.gains || found.law || found.vignetting;
+    data.lamps.lamps().len() > 1 && data.camera.is_some_and(|camera| is_suspect(camera.found))
 }
 
 fn backscatter_ignored(alpha: &[f64], with: &Bands) -> Option<NotIdentified> {
@@ -96,6 +119,7 @@ mod tests {
             incidence: true,
             beam_pattern: BeamPattern::uniform(BeamGrid::new(9, 60.0)),
             backscatter: None,
+            daylight: None,
             empirical: None,
         };
         Candidate {

@@ -112,10 +112,23 @@ fn corrected_images(
     camera: &CameraLog,
     shown: &BTreeSet<usize>,
 ) -> Result<BTreeMap<usize, LinearImage>> {
-    let mut records = log.records(camera, Images::Corrected);
-    records.retain(|_, record| shown.contains(record));
-    let ids = records.keys().copied().collect();
     let mut found = BTreeMap::new();
+    each_corrected(log, camera, shown, |record, image| {
+        found.insert(record, downscale(image, SHOWN_SIDE));
+    })?;
+    Ok(found)
+}
+
+/// Calls back for the corrected images of these records.
+pub fn each_corrected(
+    log: &CorrectedLog,
+    camera: &CameraLog,
+    wanted: &BTreeSet<usize>,
+    mut take: impl FnMut(usize, &LinearImage),
+) -> Result<()> {
+    let mut records = log.records(camera, Images::Corrected);
+    records.retain(|_, record| wanted.contains(record));
+    let ids = records.keys().copied().collect();
     for message in messages_by_id(&log.scanned.recording, &ids) {
         let message = message?;
         let Some(decoder) = log.scanned.index.decoders.get(&message.channel) else { continue };
@@ -126,8 +139,8 @@ fn corrected_images(
         };
         let image = read(&value).and_then(|image| decode(&image, CameraResponse::default()));
         if let (Ok(decoded), Some(record)) = (image, records.get(&message.id)) {
-            found.insert(*record, downscale(&decoded.image.into_demosaiced(), SHOWN_SIDE));
+            take(*record, &decoded.image.into_demosaiced());
         }
     }
-    Ok(found)
+    Ok(())
 }

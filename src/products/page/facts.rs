@@ -172,16 +172,10 @@ fn model_rows(model: &ModelFile) -> Rows {
         rows.push(("strobe", text));
     }
     if let Some(b) = &model.backscatter {
-        let shares: Vec<String> =
-            b.median_share.iter().map(|s| format!("{:.0} %", 100.0 * s)).collect();
-        rows.push((
-            "backscatter",
-            format!(
-                "{} of the light of tracked points (median; {}), subtracted",
-                shares.join(" / "),
-                band_names(shares.len()).join(" / ")
-            ),
-        ));
+        rows.push(("backscatter", format!("{}, subtracted", shares_text(&b.median_share))));
+    }
+    if let Some(d) = &model.daylight {
+        rows.push(("daylight", format!("{}, modelled", shares_text(&d.median_share))));
     }
     let followed: Vec<String> = model
         .light_settings
@@ -192,6 +186,13 @@ fn model_rows(model: &ModelFile) -> Rows {
         rows.push(("light follows", followed.join(", ")));
     }
     rows
+}
+
+/// Median shares of a part of the light, per band.
+fn shares_text(shares: &[f64]) -> String {
+    let of_band: Vec<String> = shares.iter().map(|s| format!("{:.0} %", 100.0 * s)).collect();
+    let bands = band_names(shares.len()).join(" / ");
+    format!("{} of the light of tracked points (median; {bands})", of_band.join(" / "))
 }
 
 /// Mean shares of pixels that are not reliable.

@@ -5,8 +5,10 @@
 //! that cannot be made is replaced by the reason.
 
 mod before_after;
+mod camera;
 mod facts;
 mod figures;
+mod overview;
 mod stages;
 mod track;
 
@@ -16,7 +18,7 @@ use super::display::downscale;
 use super::dive::{CameraLog, CorrectedLog, Images};
 use super::places::Places;
 use crate::error::{Error, Result};
-use crate::image::{LinearImage, SensorImage};
+use crate::image::LinearImage;
 use crate::plot::escape_markup;
 use crate::recording::FrameId;
 use crate::run::bench::Bench;
@@ -124,8 +126,11 @@ fn of_camera(
         camera,
         if log.cameras.len() > 1 { SHOWN_FRAMES.div_ceil(2) } else { SHOWN_FRAMES },
     );
+    let wanted = wanted_frames(camera, &shown);
+    let sheet = overview::sheet(&wanted);
+    let mut raw = overview::Small::default();
     let (seen, bench) = match bench {
-        Ok(bench) => match read_frames(&bench, log, camera, &shown) {
+        Ok(bench) => match read_frames(&bench, log, camera, (&wanted, &shown, &sheet), &mut raw) {
             Ok(seen) => (seen, Ok(bench)),
             Err(e) => (Vec::new(), Err(e.to_string())),
         },
@@ -142,12 +147,21 @@ fn of_camera(
         bench.or_else(|_| log.bench(camera, Images::Corrected, options).map_err(|e| e.to_string()));
     let frames = before_after::Frames { camera, shown: &shown, seen: &seen };
     let mut figures = vec![before_after::figure(log, &frames, &no_raw, &place)?];
+    let small = |record, image: &LinearImage, sums: &mut overview::Small| {
+        sums.add(record, downscale(image, overview::SIDE), &sheet);
+    };
+    let mut corrected = overview::Small::default();
+    before_after::each_corrected(log, camera, &wanted, |record, image| {
+        small(record, image, &mut corrected);
+    })?;
+    figures.extend(overview::figures(&raw, &corrected, &no_raw));
     figures.push(figures::channel_means(camera, &seen, &no_raw, &place));
     figures.push(figures::pairs_by_image(camera, &place));
     figures.push(figures::beam_pattern(camera, &place));
     figures.push(stages::figure(staged));
     figures.extend(track::figures(camera, bench.as_ref(), places, &place));
     figures.extend(figures::attenuation_over_time(camera, &place));
+    figures.extend(camera::figures(camera, &place));
     let figures: String = figures.iter().map(|f| f.html(&place)).collect();
     Ok(facts::section(log, camera, number, &place)
         + "<h2>Figures</h2>\n"
@@ -176,38 +190,49 @@ fn shown_frames(camera: &CameraLog, max: usize) -> BTreeSet<usize> {
         .collect()
 }
 
-/// Decodes what the figures need, each frame once.
+/// Records of the frames that the figures need.
+fn wanted_frames(camera: &CameraLog, shown: &BTreeSet<usize>) -> BTreeSet<usize> {
+    let corrected: Vec<usize> = camera.corrected().map(|(record, _)| record).collect();
+    let step = corrected.len().div_ceil(MEANS_OF_FRAMES).max(1);
+    corrected.into_iter().step_by(step).chain(shown.iter().copied()).collect()
+}
+
+/// Decodes what the figures need, each frame once: `wanted` ones, of which some are shown, and some
+/// are on the contact sheet.
 fn read_frames(
     bench: &Bench,
     log: &CorrectedLog,
     camera: &CameraLog,
-    shown: &BTreeSet<usize>,
+    (wanted, shown, sheet): (&BTreeSet<usize>, &BTreeSet<usize>, &BTreeSet<usize>),
+    small: &mut overview::Small,
 ) -> Result<Vec<Seen>> {
-    let corrected: Vec<usize> = camera.corrected().map(|(record, _)| record).collect();
-    let step = corrected.len().div_ceil(MEANS_OF_FRAMES).max(1);
-    let wanted: BTreeSet<usize> =
-        corrected.iter().copied().step_by(step).chain(shown.iter().copied()).collect();
     let mut records = log.records(camera, Images::Raw);
     records.retain(|_, record| wanted.contains(record));
     let chosen: BTreeSet<FrameId> = records.keys().copied().collect();
     // The stages are those of the frame in the middle of what is shown.
     let staged = shown.iter().nth(shown.len() / 2).copied();
     let mut seen = Vec::new();
-    let raw = |image: &SensorImage| downscale(&image.clone().into_demosaiced(), SHOWN_SIDE);
     bench.each(
         &chosen,
         |frame| {
             let record = records.get(&frame.frame.at.id).copied()?;
-            Some(Seen {
+            let image = frame.image.clone().into_demosaiced();
+            let seen = Seen {
                 record,
                 altitude_m: camera.frames.get(record).map_or(f64::NAN, |f| f.altitude_m),
                 mean_light: bench.samples(frame, false).mean_light,
                 bands: frame.image.bands(),
-                raw: shown.contains(&record).then(|| raw(&frame.image)),
+                raw: shown.contains(&record).then(|| downscale(&image, SHOWN_SIDE)),
                 stages: (staged == Some(record)).then(|| stages::stages(bench, frame)),
-            })
+            };
+            Some((seen, downscale(&image, overview::SIDE)))
         },
-        |frame| seen.extend(frame),
+        |frame| {
+            if let Some((of_frame, image)) = frame {
+                small.add(of_frame.record, image, sheet);
+                seen.push(of_frame);
+            }
+        },
     )?;
     Ok(seen)
 }

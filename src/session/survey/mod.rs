@@ -35,6 +35,7 @@ use super::frame_gains::FrameGains;
 use super::index::FrameRef;
 use super::log::Log;
 use super::options::Options;
+use super::tilts::Tilts;
 use camera::CameraSurvey;
 pub use facts::{facts_without_ranges, rig_facts};
 use lights::strobe_mount;
@@ -72,6 +73,8 @@ pub struct Survey {
     pub dvl_topic: String,
     /// the attitude's topic
     pub attitude_topic: Option<String>,
+    /// tilts of planes that are assumed level, by a model
+    pub tilts: Option<Tilts>,
     /// pings and attitude
     pub pings: SeafloorEstimator,
     /// vignetting and black level, by the rig file and by a model
@@ -238,6 +241,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         camera_channels: camera.channels,
         frames,
         numbers,
+        tilts: None,
         camera_offset_s: camera.offset_s,
         camera_frame: camera.frame_id,
         camera_info: camera.camera_info,

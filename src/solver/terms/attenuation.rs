@@ -86,7 +86,7 @@ impl Term for Attenuation<'_> {
     }
 
     fn jacobian(&self, equation: &Equation, band: usize, row: &mut Row) {
-        let length_m = equation.path.length_m;
+        let length_m = equation.path.length_in(band);
         match self.time {
             None => row.push(self.unknown(band, 0), -length_m),
             Some(time) => {

@@ -50,10 +50,11 @@ impl Term for Beam {
         self.count
     }
 
-    fn jacobian(&self, equation: &Equation, _: usize, row: &mut Row) {
+    fn jacobian(&self, equation: &Equation, band: usize, row: &mut Row) {
+        let share = equation.path.lamp_share[band];
         for &(node, weight) in &equation.path.nodes[..equation.path.nodes_used] {
             if let Some(unknown) = self.unknown(node) {
-                row.push(unknown, weight);
+                row.push(unknown, share * weight);
             }
         }
     }

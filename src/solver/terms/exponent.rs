@@ -10,7 +10,7 @@ impl Term for Exponent {
         1
     }
 
-    fn jacobian(&self, equation: &Equation, _: usize, row: &mut Row) {
-        row.push(0, -equation.path.log_strobe_leg);
+    fn jacobian(&self, equation: &Equation, band: usize, row: &mut Row) {
+        row.push(0, -equation.path.lamp_share[band] * equation.path.log_strobe_leg);
     }
 }

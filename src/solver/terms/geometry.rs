@@ -61,6 +61,13 @@ impl Geometry {
     }
 }
 
+impl Geometry {
+    /// The derivative of an equation by a parameter.
+    pub fn derivative(&self, equation: &Equation, parameter: usize, band: usize) -> f64 {
+        self.derivatives[equation.index][parameter][band]
+    }
+}
+
 impl Term for Geometry {
     fn columns(&self) -> usize {
         self.parameters

@@ -1,13 +1,14 @@
 //! The unknowns of the joint solve, one file per term.
 //!
 //! Adding a term: its file, and its place in [`Terms`] (field, `new`, `list`). Terms whose
-//! derivatives are the same in all bands come first: the normal equations treat them once.
+//! derivatives are the same in all bands are listed apart: the normal equations treat them once.
 
 pub mod attenuation;
 pub mod backscatter;
 pub mod beam;
 mod black_level;
 mod camera;
+pub mod daylight;
 pub mod exponent;
 pub mod frame_gain;
 pub mod gain_law;
@@ -15,13 +16,14 @@ pub mod geometry;
 mod response;
 #[cfg(test)]
 mod tests;
+pub mod tilt;
 mod vignetting;
 
 use nalgebra::{DMatrix, DVector};
 
 use super::Setup;
 use super::equation::Equation;
-use super::equation::{LampState, LogBeam};
+use super::equation::{LightState, LogBeam};
 use super::row::Row;
 use crate::image::Bands;
 use attenuation::Attenuation;
@@ -29,6 +31,7 @@ use backscatter::BackscatterTerm;
 use beam::Beam;
 pub use camera::CameraSolution;
 use camera::CameraTerms;
+use daylight::Daylight;
 use exponent::Exponent;
 
 /// A group of unknowns that enter the log radiance together.
@@ -103,6 +106,7 @@ pub struct Terms<'s> {
     pub(super) attenuation: Attenuation<'s>,
     pub(super) exponent: Option<Exponent>,
     pub(super) backscatter: Option<BackscatterTerm>,
+    pub(super) daylight: Option<Daylight>,
     pub(super) camera: CameraTerms<'s>,
 }
 
@@ -124,18 +128,24 @@ impl<'s> Terms<'s> {
             attenuation: Attenuation::new(setup.bands, setup.segments),
             exponent: setup.fit_exponent.then_some(Exponent),
             backscatter: setup.scatter.map(|(start, _)| BackscatterTerm::new(setup.bands, *start)),
+            daylight: setup.daylight.map(|_| Daylight::new(setup.bands, [0.0; 3])),
             camera: CameraTerms::new(setup),
         }
     }
 
-    /// All terms, common ones first.
+    /// All terms. Daylight has another share in every band, and so has the beam then.
     pub fn list(&self) -> TermList<'_> {
-        let mut list = TermList { common: Vec::new(), of_band: Vec::new(), unknowns: 0 }
-            .with_common(&self.beam);
+        let mut list = TermList { common: Vec::new(), of_band: Vec::new(), unknowns: 0 };
+        if self.daylight.is_some() {
+            list.add(&self.beam);
+        } else {
+            list = list.with_common(&self.beam);
+        }
         list = self.camera.common().fold(list, TermList::with_common);
         list.add(&self.attenuation);
         self.exponent.iter().for_each(|term| list.add(term));
         self.backscatter.iter().for_each(|term| list.add(term));
+        self.daylight.iter().for_each(|term| list.add(term));
         self.camera.of_band().for_each(|term| list.add(term));
         list
     }
@@ -162,6 +172,11 @@ impl<'s> Terms<'s> {
 
     /// First unknown of the camera's terms that differ between the bands.
     pub fn first_of_camera_bands(&self) -> usize {
+        self.first_daylight() + self.daylight.as_ref().map_or(0, Term::columns)
+    }
+
+    /// First unknown of daylight.
+    pub fn first_daylight(&self) -> usize {
         self.first_backscatter() + self.backscatter.as_ref().map_or(0, Term::columns)
     }
 
@@ -195,15 +210,24 @@ impl<'s> Terms<'s> {
         self.attenuation.at(frame, &values[self.first_attenuation()..])
     }
 
-    /// The solution as the sum over several lamps needs it, at one frame.
-    pub fn lamp_state<'v>(
+    /// Takes the step of daylight, which changes the sum that `light_state` describes.
+    pub fn apply_daylight(&mut self, values: &mut [f64]) {
+        let first = self.first_daylight();
+        if let Some(term) = &mut self.daylight {
+            term.apply(&mut values[first..first + term.columns()]);
+        }
+    }
+
+    /// The solution as the sum over several lamps and daylight needs it, at one frame.
+    pub fn light_state<'v>(
         &self,
         frame: u32,
         values: &[f64],
         log_beam: &'v LogBeam<'v>,
-    ) -> LampState<'v> {
-        LampState {
+    ) -> LightState<'v> {
+        LightState {
             bands: self.attenuation.bands(),
+            log_daylight: self.daylight.as_ref().map(|term| term.log_strength),
             attenuation_per_m: self.attenuation_of(frame, values),
             exponent: self.exponent_unknown().map_or(0.0, |i| values[i]),
             log_beam,
@@ -243,7 +267,7 @@ impl<'t> TermList<'t> {
         }
     }
 
-    /// One band's own derivatives; their unknowns come after all common ones.
+    /// One band's own derivatives.
     pub fn band_row(&self, equation: &Equation, band: usize, row: &mut Row) {
         row.clear();
         for (first, term) in &self.of_band {

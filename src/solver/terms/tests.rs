@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::attenuation::TimeGrid;
 use super::black_level::BlackLevel;
+use super::daylight::Daylight as DaylightTerm;
 use super::gain_law::GainLaw;
 use super::geometry::{Geometry, PlaneTrack, ShiftedPlanes, strobe_position};
 use super::response::ResponseTerm;
@@ -12,7 +13,7 @@ use super::*;
 use crate::config::EstimateConfig;
 use crate::coordinates::{Body, Direction, Point, Strobe, Transform};
 use crate::image::transfer::Transfer;
-use crate::model::{Backscatter, BeamGrid, BeamPattern, Frustum, ImagingModel, Removal};
+use crate::model::{Backscatter, BeamGrid, BeamPattern, Daylight, Frustum, ImagingModel, Removal};
 use crate::model::{ScatterIntegral, ScatterTable, SpreadingModel};
 use crate::solver::camera::{
     CameraUnknowns, ImageRadius, KNOTS, ReadingCurve, hats, vignetting_at,
@@ -57,6 +58,7 @@ fn model(grid: BeamGrid) -> ImagingModel {
         incidence: true,
         beam_pattern: BeamPattern::from_nodes(grid, &nodes),
         backscatter: None,
+        daylight: None,
         empirical: None,
     }
 }
@@ -145,7 +147,7 @@ fn backscatter_is_added_to_the_direct_light() {
     let frustum = Frustum { x: (-0.5, 0.5), y: (-0.5, 0.5), farthest_m: 3.0 };
     let optical = Transform::identity();
     let table =
-        ScatterTable::new(&model.beam_pattern, optical, &lamps, &[0.45, 0.14, 0.1], frustum);
+        ScatterTable::of_strobe(&model.beam_pattern, optical, &lamps, &[0.45, 0.14, 0.1], frustum);
     let scatter = |_: &Observation| -> ScatterIntegral { table.at(0.1, -0.1, 2.1) };
     let state = Backscatter { strength_per_m: [0.002, 0.004, 0.006], ..Backscatter::NONE };
     let setup = Setup { scatter: Some((&state, &scatter as &ScatterOf<'_>)), ..setup(&config) };
@@ -186,6 +188,53 @@ fn a_step_in_backscatter_is_taken_once_and_held_at_its_bounds() {
     assert_eq!(term.held(), [1, 2]);
 }
 
+/// Derivatives of the sum of a lamp's light and daylight, by every unknown that changes either.
+#[test]
+fn daylight_is_linear_about_the_solution() {
+    let config = EstimateConfig::default();
+    let setup = setup(&config);
+    let lamps = Lamps::one(lamp(-0.8, 0.3));
+    let daylight = Daylight { log_strength: [-4.0, -2.5, -1.5] };
+    let model = ImagingModel { daylight: Some(daylight), ..model(setup.grid) };
+    let (beam, alpha) =
+        (Beam::new(setup.grid, &vec![9.0; 21 * 21], 1.0), Attenuation::new(3, None));
+    let by_node: Vec<f64> = model.beam_pattern.by_node().into_iter().flatten().collect();
+    let log_beam = |nodes: &[(usize, f64)]| beam.log_gain(nodes, &by_node);
+    let mut equation = equation(&setup, lamps);
+    equation.linearize_light(&LightState {
+        bands: 3,
+        attenuation_per_m: model.attenuation_per_m,
+        exponent: 0.0,
+        log_daylight: Some(daylight.log_strength),
+        log_beam: &log_beam,
+    });
+    let path = sample_path(&observation(), lamps).expect("a lit point");
+    let light = |model: &ImagingModel, band: usize| model.log_radiance(&path, Removal::FULL)[band];
+    for band in 0..3 {
+        let by_beam = derivatives(&beam, &equation, band);
+        let of_beam = by_beam.iter().zip(&by_node).map(|(x, v)| x * v).sum::<f64>();
+        let by_alpha = derivatives(&alpha, &equation, band)[band];
+        let linear = of_beam + by_alpha * model.attenuation_per_m[band];
+        let value = linear + equation.path.geometry[band];
+        assert_near(value, light(&model, band), &format!("value, band {band}"));
+        let stepped = |change: &dyn Fn(&mut ImagingModel, f64)| {
+            let [ahead, behind] = [H, -H].map(|h| {
+                let mut moved = model.clone();
+                change(&mut moved, h);
+                light(&moved, band)
+            });
+            (ahead - behind) / (2.0 * H)
+        };
+        let numeric = stepped(&|m, h| m.attenuation_per_m[band] += h);
+        assert_near(by_alpha, numeric, &format!("attenuation, band {band}"));
+        let numeric = stepped(&|m, h| m.daylight = m.daylight.map(|d| d.shifted(h)));
+        let by_daylight = derivatives(&DaylightTerm::new(3, [0.0; 3]), &equation, band)[band];
+        assert_near(by_daylight, numeric, &format!("daylight, band {band}"));
+        // More light of the whole beam is less daylight.
+        assert_near(by_beam.iter().sum(), 1.0 - numeric, &format!("beam, band {band}"));
+    }
+}
+
 #[test]
 fn the_light_of_several_lamps_is_linear_about_the_solution() {
     let config = EstimateConfig::default();
@@ -196,13 +245,14 @@ fn the_light_of_several_lamps_is_linear_about_the_solution() {
     let by_node: Vec<f64> = model.beam_pattern.by_node().into_iter().flatten().collect();
     let log_beam = |nodes: &[(usize, f64)]| beam.log_gain(nodes, &by_node);
     let mut equation = equation(&setup, lamps);
-    let state = LampState {
+    let state = LightState {
         bands: 3,
         attenuation_per_m: model.attenuation_per_m,
         exponent: 0.0,
+        log_daylight: None,
         log_beam: &log_beam,
     };
-    equation.linearize_lamps(&state);
+    equation.linearize_light(&state);
     let path = sample_path(&observation(), lamps).expect("a lit point");
     for band in 0..3 {
         // Exact at the solution: log c = y + geometry, y = linear part + log reflectance.

@@ -4,11 +4,11 @@
 //! A late clock pairs every frame with the plane of another moment; a rotated mount tilts every
 //! plane in the same way.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 use super::Parameter;
 use crate::coordinates::{Body, Direction, Optical, Point, Transform};
-use crate::geometry::{LightPath, MIN_COS_INCIDENCE};
+use crate::geometry::{LightPath, MIN_COS_INCIDENCE, tilt_rotation, turned};
 use crate::solver::{Observation, Sample};
 use crate::vehicle::Lamps;
 
@@ -45,7 +45,7 @@ pub struct ShiftedPlanes<'s> {
 impl<'s> ShiftedPlanes<'s> {
     /// The rotation as a vector in body space (rad).
     pub fn rotation(&self) -> Vector3<f64> {
-        self.body_from_optical.isometry().rotation * Vector3::new(self.by.y, self.by.z, 0.0)
+        tilt_rotation(&self.body_from_optical, [self.by.y, self.by.z]).scaled_axis()
     }
 
     /// The three unknowns: clock, rotation about the camera's x axis, about its y axis.
@@ -63,27 +63,32 @@ impl<'s> ShiftedPlanes<'s> {
             .collect()
     }
 
-    /// The light path of an observation over the shifted plane. What stands above the plane as
-    /// given stands above the shifted one.
+    /// The light path of an observation over the shifted plane.
     pub fn path(&self, o: &Observation, lamps: Lamps) -> Option<LightPath> {
-        let track = self.planes.get(o.frame as usize)?;
+        self.sample(o.frame, &o.sample)?.path(lamps)
+    }
+
+    /// A sample of a frame over the shifted plane. What stands above the plane as given stands
+    /// above the shifted one.
+    pub fn sample(&self, frame: u32, sample: &Sample) -> Option<Sample> {
+        let track = self.planes.get(frame as usize)?;
         let (normal, distance) = self.plane(track);
         let given = track.plane.0.vector();
         let camera = self.body_from_optical.origin().vector();
-        let ray = (o.sample.hit.vector() - camera) / o.sample.seafloor_to_camera_m;
+        let ray = (sample.hit.vector() - camera) / sample.seafloor_to_camera_m;
         let range = |normal: &Vector3<f64>, distance: f64| {
             let (towards, along) = (normal.dot(&ray), distance - normal.dot(&camera));
             (towards > MIN_COS_INCIDENCE && along > 0.0).then(|| along / towards)
         };
-        let seafloor_to_camera_m = o.sample.seafloor_to_camera_m + range(&normal, distance)?
-            - range(&given, track.plane.1)?;
-        let normal = Direction::from_vector(o.sample.normal.vector() + normal - given)?;
+        let seafloor_to_camera_m =
+            sample.seafloor_to_camera_m + range(&normal, distance)? - range(&given, track.plane.1)?;
+        let normal = Direction::from_vector(sample.normal.vector() + normal - given)?;
         let hit = Point::from_vector(camera + ray * seafloor_to_camera_m);
-        Sample { hit, seafloor_to_camera_m, normal, ..o.sample }.path(lamps)
+        Some(Sample { hit, seafloor_to_camera_m, normal, ..*sample })
     }
 
     /// n and d of the shifted plane.
-    fn plane(&self, track: &PlaneTrack) -> (Vector3<f64>, f64) {
+    pub fn plane(&self, track: &PlaneTrack) -> (Vector3<f64>, f64) {
         let (mut normal, mut distance) = (track.plane.0.vector(), track.plane.1);
         if let Some([before, after]) = track.around {
             // A parabola through three planes: a swell curves.
@@ -92,7 +97,7 @@ impl<'s> ShiftedPlanes<'s> {
             normal = before.0.vector() * b + normal * n + after.0.vector() * a;
             distance = before.1 * b + distance * n + after.1 * a;
         }
-        let rotated = UnitQuaternion::from_scaled_axis(self.rotation()) * normal.normalize();
-        (rotated, distance + (rotated - normal).dot(&self.instrument))
+        let rotation = tilt_rotation(&self.body_from_optical, [self.by.y, self.by.z]);
+        turned((normal, distance), rotation, &self.instrument)
     }
 }

@@ -1,0 +1,35 @@
+//! Tilts of seafloor planes that were assumed level, by a model, for one log.
+
+use std::collections::BTreeMap;
+
+use crate::model::{ModelFile, TiltFile};
+use crate::units::Stamp;
+
+/// Tilts about the camera's x and y axes (rad).
+#[derive(Clone, Debug)]
+pub struct Tilts {
+    by_stamp: BTreeMap<Stamp, [f64; 2]>,
+    /// of all other frames
+    median: [f64; 2],
+}
+
+impl Tilts {
+    /// The tilts of a model for the log that `is_own` recognises by its SHA-256; `None` where it
+    /// has none: they are those of a dive, not of a vehicle.
+    pub fn of(file: &ModelFile, is_own: &dyn Fn(&str) -> bool) -> Option<Self> {
+        let tilts = file.tilts.as_ref()?;
+        let radians = |tilt: [f64; 2]| tilt.map(f64::to_radians);
+        let of_own = |tilt: &&TiltFile| {
+            file.inputs.get(tilt.input).is_some_and(|input| is_own(&input.sha256))
+        };
+        let of_frame = |tilt: &TiltFile| (Stamp(tilt.stamp_ns), radians(tilt.tilt_deg));
+        let by_stamp: BTreeMap<Stamp, [f64; 2]> =
+            tilts.frames.iter().filter(of_own).map(of_frame).collect();
+        (!by_stamp.is_empty()).then(|| Self { by_stamp, median: radians(tilts.median_deg) })
+    }
+
+    /// The tilt at a frame's time.
+    pub fn at(&self, stamp: Stamp) -> [f64; 2] {
+        self.by_stamp.get(&stamp).copied().unwrap_or(self.median)
+    }
+}
