@@ -13,6 +13,7 @@ mod mounts;
 mod ranges;
 mod recording;
 mod uncorrected;
+mod verify;
 
 use std::fmt::{Display, Formatter};
 
@@ -26,6 +27,7 @@ pub use mounts::MountFact;
 pub use ranges::RangeFact;
 pub use recording::LogFact;
 pub use uncorrected::{Reason, Uncorrected};
+pub use verify::VerifyFact;
 
 /// What a diagnostic means for the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -176,6 +178,7 @@ families!(
     RangeFact,
     LogFact,
     MosaicFact,
+    VerifyFact,
     EstimateFact,
     NotIdentified,
     NoAnswer,

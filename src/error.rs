@@ -108,8 +108,8 @@ impl std::fmt::Display for MountGap {
         match self {
             Self::NoTransforms => f.write_str(
                 "the log has no transforms (/tf_static); if it is a later part of a split \
-                 recording, its first part has them, and `unwater init` of that part writes them \
-                 into a rig file",
+                 recording, its first part has them: give the folder of the recording, or all its \
+                 parts",
             ),
             Self::NoFrameId { is_camera: true } => {
                 f.write_str("the camera's images name no frame (frame_id is empty)")

@@ -133,13 +133,16 @@ pub mod run;
 #[doc(hidden)]
 pub mod products;
 
+#[doc(hidden)]
+pub mod import;
+
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
 
 // Runs over logs.
 pub use error::{Error, Result};
-pub use recording::Window;
+pub use recording::{LogFiles, Window};
 pub use report::Report;
 pub use run::{correct, correct_all, estimate_logs};
 pub use session::{Options, Progress, Selection, Silent, Step};

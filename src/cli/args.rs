@@ -141,7 +141,7 @@ impl LogArgs {
             strobe_frame: self.strobe_frame.clone(),
         };
         let (window, threads) = (self.window.window()?, self.settings.threads.threads);
-        Ok(Options { config, rig, selection, window, threads, force: false })
+        Ok(Options { config, rig, selection, window, threads, ..Options::default() })
     }
 }
 

@@ -7,8 +7,8 @@ use super::color::Paint;
 use crate::diagnostics::{Diagnostic, Severity};
 use crate::error::{Error, Result};
 
-/// How a command ended; `main` maps it to an exit status.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How a command ended, the worst last; `main` maps it to an exit status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
     /// 0
     Done,

@@ -16,6 +16,12 @@ facts! {
             text("the log shows of its camera: {summary}; it is compensated");
         Info "camera-reported" CameraReported { summary: String },
             text("the log shows of its camera: {summary}; it is not compensated");
+        Info "beam-from" BeamFrom { logs: String },
+            text("beam pattern, strobe position, transfer curve and vignetting are those of a \
+                  model of {logs}; only attenuation is estimated");
+        Warning "backscatter-of-other-water" BackscatterOfOtherWater,
+            text("the water of the model given scatters; backscatter of this dive is not modelled"),
+            remedy("estimate all of it, without --beam-from");
         Warning "strobe-drop-outs" DropOuts { frames: usize },
             text("{frames} frames are lit differently from their neighbours (strobe drop-outs); \
                   they are compensated"),
@@ -92,6 +98,10 @@ facts! {
                   model of their light"),
             remedy("for attenuation, use a model from another part of the dive or from another \
                     dive of the same water and strobe: --model MODEL.json");
+        Warning "not-identified-shared-beam" SharedBeam,
+            text("the model of --beam-from is not identified: errors of its beam pattern are in \
+                  this attenuation too"),
+            remedy("give a model that is identified");
         Warning "not-identified-slope" SlopeUnknown,
             text("the range instrument sends one number in several copies: the seafloor is assumed \
                   level, and its slope shifts the answer by an unknown amount"),

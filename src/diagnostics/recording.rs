@@ -20,6 +20,13 @@ facts! {
                   channel's first message to its last byte");
         Info "several-channels" SeveralChannels { channels: usize },
             text("the topic has {channels} channels");
+        Info "parts" Parts { parts: usize },
+            text("{parts} files are read as the parts of one recording");
+        Warning "parts-apart" PartsApart { before: String, after: String, gap_s: f64 },
+            text("{gap_s:.0} s lie between the end of {before} and the begin of {after}, which are \
+                  read as parts of one recording"),
+            remedy("correct separate dives one by one, or name them otherwise than NAME_0.mcap, \
+                    NAME_1.mcap");
         Warning "schema-missing" SchemaMissing { schema_id: u16 },
             text("schema {schema_id} is not in the log; the channel is kept without one"),
             remedy("check the recorder: only messages with a schema can be read");

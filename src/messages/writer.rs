@@ -73,6 +73,24 @@ impl Writer {
         if self.is_protobuf() { self.key(VARINT).varint(v.into()) } else { self.aligned(&[v], 1) }
     }
 
+    /// `uint16`
+    pub fn u16(self, v: u16) -> Self {
+        if self.is_protobuf() {
+            self.key(VARINT).varint(v.into())
+        } else {
+            self.aligned(&v.to_le_bytes(), 2)
+        }
+    }
+
+    /// `float32`
+    pub fn f32(self, v: f32) -> Self {
+        if self.is_protobuf() {
+            self.key(FIXED32).aligned(&v.to_le_bytes(), 1)
+        } else {
+            self.aligned(&v.to_le_bytes(), 4)
+        }
+    }
+
     /// `uint32`
     pub fn u32(self, v: u32) -> Self {
         if self.is_protobuf() {

@@ -16,7 +16,8 @@ use crate::model::ModelFile;
 use crate::recording::{FrameId, Message, Recording, Window};
 use crate::report::Report;
 use crate::run::bench::Bench;
-use crate::session::{CameraSession, FrameRef, Log, Options, Selection, Threads};
+use crate::run::shard_of;
+use crate::session::{CameraSession, FrameRef, Log, Options, Selection, Shard, Threads};
 use crate::units::Stamp;
 use crate::vehicle::RigFile;
 
@@ -151,12 +152,11 @@ impl CorrectedLog {
                 seen: self.scanned.channel_list(),
             });
         }
-        let mut options =
-            Options { config: self.config.clone(), rig: camera.rig.clone(), ..options.clone() };
-        options.selection = Selection {
-            camera: Some(topic.into()),
-            dvl: Some(camera.fact("dvl_topic").into()),
-            strobe_frame: None,
+        let mut options = Options {
+            config: self.config.clone(),
+            rig: camera.rig.clone(),
+            selection: camera.selection(images),
+            ..options.clone()
         };
         let mut file = camera.model.clone();
         if images == Images::Corrected {
@@ -220,8 +220,31 @@ pub struct ImageSource {
     pub records: BTreeMap<FrameId, usize>,
 }
 
+/// Report and model of each camera of a complete output of `correct`, if it was made from this
+/// input with this request; both are fingerprints of its metadata. `None` for any other file.
+pub fn finished(
+    output: &Path,
+    (source_sha256, request_sha256): (&str, &str),
+    shard: Option<Shard>,
+) -> Option<Vec<(Report, ModelFile)>> {
+    let recording = Recording::open(output).ok().filter(|r| r.is_complete)?;
+    let cameras = read_cameras(&recording).ok()?;
+    let is_of = |key: &str, value: &str| cameras.iter().all(|c| c.fact(key) == value);
+    let is_same = is_of("source_sha256", source_sha256) && is_of("request_sha256", request_sha256);
+    let is_same = is_same && shard_of(&recording) == shard;
+    is_same.then(|| cameras.into_iter().map(|c| (c.report, c.model)).collect())
+}
+
+/// The cameras that were corrected in a log, without their frames.
+///
+/// # Errors
+/// The log cannot be read, or holds no correction.
+pub fn read_cameras(recording: &Recording) -> Result<Vec<CameraLog>> {
+    cameras(recording, &texts(recording)?)
+}
+
 /// Attachments by name, as text.
-fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
+pub fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
     let mut texts = BTreeMap::new();
     for attachment in recording.attachments().flatten() {
         // A log that was corrected twice has two of a name; the later one is of the last run.
@@ -232,7 +255,7 @@ fn texts(recording: &Recording) -> Result<BTreeMap<String, String>> {
 }
 
 /// The cameras of the metadata records, without their frames.
-fn cameras(recording: &Recording, texts: &BTreeMap<String, String>) -> Result<Vec<CameraLog>> {
+pub fn cameras(recording: &Recording, texts: &BTreeMap<String, String>) -> Result<Vec<CameraLog>> {
     let bad = |what: &'static str, reason: String| Error::BadFile {
         path: recording.path().into(),
         what,
@@ -305,6 +328,37 @@ impl CameraLog {
         self.fact(match images {
             Images::Raw => "camera_topic",
             Images::Corrected => "corrected_topic",
+        })
+    }
+
+    /// Its channels.
+    fn selection(&self, images: Images) -> Selection {
+        Selection {
+            camera: Some(self.topic(images).into()),
+            dvl: Some(self.fact("dvl_topic").into()),
+            strobe_frame: None,
+        }
+    }
+
+    /// The segment of the input that was written.
+    pub fn run_window(&self) -> Window {
+        let bound = |key: &str, none| self.fact(key).parse().unwrap_or(none);
+        Window { start: bound("window_start_ns", 0), end: bound("window_end_ns", u64::MAX) }
+    }
+
+    /// Options of the run that corrected the camera; with `is_own`, for the corrected log itself
+    /// instead of its input.
+    ///
+    /// # Errors
+    /// The settings are of another version.
+    pub fn run_options(&self, is_own: bool) -> std::result::Result<Options, String> {
+        Ok(Options {
+            config: Config::from_toml(self.fact("configuration"))?,
+            rig: self.rig.clone(),
+            selection: self.selection(Images::Raw),
+            window: Some(self.run_window()).filter(|window| !is_own && *window != Window::ALL),
+            source_sha256: is_own.then(|| self.fact("source_sha256").into()),
+            ..Options::default()
         })
     }
 

@@ -1,17 +1,20 @@
 //! Products from corrected logs: the report page ([`page`]), one frame under every method
-//! ([`sheet`]), a mosaic of the seafloor ([`mosaic`]), and a data set of stills for archives
-//! ([`data_set`]).
+//! ([`sheet`]), a mosaic of the seafloor ([`mosaic`]), a data set of stills for archives
+//! ([`data_set`]), one row per dive ([`dive_table`]),
+//! and whether a corrected log is what it must be ([`verify`]).
 //!
 //! Read-only: nothing computed here enters a corrected log.
 
 pub mod data_set;
 mod display;
 pub mod dive;
+pub mod dive_table;
 mod messages;
 pub mod mosaic;
 pub mod page;
 mod places;
 pub mod sheet;
+pub mod verify;
 
 use std::path::Path;
 

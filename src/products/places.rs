@@ -49,6 +49,8 @@ pub struct Places {
     pub poses: BTreeMap<String, Vec<Pose>>,
     /// fixes
     pub fixes: BTreeMap<String, Vec<Fix>>,
+    /// depths below the sea surface (m)
+    depths: BTreeMap<String, Vec<(Stamp, f64)>>,
 }
 
 impl Places {
@@ -59,7 +61,9 @@ impl Places {
     pub fn read(recording: &Recording, window: Window) -> Result<Self> {
         let decoder = |channel: &Channel| {
             let schema = recording.schemas.get(&channel.schema_id)?;
-            if !may_hold_places(&schema.data) || channel.topic.starts_with("/unwater") {
+            let is_depth = is_depth_topic(&channel.topic) && !may_hold_images(&schema.data);
+            let may_hold = may_hold_places(&schema.data) || is_depth;
+            if !may_hold || channel.topic.starts_with("/unwater") {
                 return None;
             }
             Decoder::by_path(
@@ -87,10 +91,13 @@ impl Places {
                 places.fixes.entry(channel.topic.clone()).or_default().push(fix);
             } else if let Some(pose) = pose(&value, stamp) {
                 places.poses.entry(channel.topic.clone()).or_default().push(pose);
+            } else if let Some(depth_m) = depth_m(&value, is_depth_topic(&channel.topic)) {
+                places.depths.entry(channel.topic.clone()).or_default().push((stamp, depth_m));
             }
         }
         places.poses.values_mut().for_each(|p| p.sort_by_key(|p| p.stamp));
         places.fixes.values_mut().for_each(|f| f.sort_by_key(|f| f.stamp));
+        places.depths.values_mut().for_each(|d| d.sort_by_key(|(stamp, _)| *stamp));
         // A pose that never moves is a mount or a goal, not a trajectory.
         places.poses.retain(|_, poses| {
             poses
@@ -107,6 +114,15 @@ impl Places {
             .max_by_key(|(topic, poses)| (poses.len(), std::cmp::Reverse((*topic).clone())))
     }
 
+    /// Depths: of a topic of that name rather than from pressure, which needs a density; then of
+    /// the topic with most of them.
+    pub fn best_depths(&self) -> &[(Stamp, f64)] {
+        let best = self.depths.iter().max_by_key(|(topic, depths)| {
+            (is_depth_topic(topic), depths.len(), std::cmp::Reverse((*topic).clone()))
+        });
+        best.map(|(_, depths)| depths.as_slice()).unwrap_or_default()
+    }
+
     /// The topic with most fixes.
     pub fn best_fixes(&self) -> Option<(&String, &Vec<Fix>)> {
         self.fixes
@@ -116,9 +132,55 @@ impl Places {
 }
 
 /// A schema's text, or a protobuf descriptor's, names its fields.
+fn names(schema: &[u8], word: &[u8]) -> bool {
+    schema.windows(word.len()).any(|w| w.eq_ignore_ascii_case(word))
+}
+
 fn may_hold_places(schema: &[u8]) -> bool {
-    let names = |word: &[u8]| schema.windows(word.len()).any(|w| w.eq_ignore_ascii_case(word));
-    names(b"latitude") || names(b"pose")
+    [&b"latitude"[..], b"pose", b"fluid_pressure"].iter().any(|word| names(schema, word))
+}
+
+fn may_hold_images(schema: &[u8]) -> bool {
+    names(schema, b"uint8[]") || names(schema, b"encoding")
+}
+
+/// Whether a topic's last element is about depth.
+fn is_depth_topic(topic: &str) -> bool {
+    let last = topic.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
+    last == "depth" || last.starts_with("depth_") || last.ends_with("_depth")
+}
+
+/// Atmospheric pressure (Pa), and pressure per metre of sea water (Pa/m).
+const AIR_PA: f64 = 101_325.0;
+const WATER_PA_PER_M: f64 = 1025.0 * 9.81;
+
+/// Depth below the sea surface (m): a number on a topic of that name, of whatever sign, or from an
+/// absolute pressure.
+fn depth_m(value: &Value<'_>, is_depth_topic: bool) -> Option<f64> {
+    let of_topic = || ["data", "depth", "depth_m"].iter().find_map(|path| value.number(path));
+    let of_pressure = || {
+        let pressure = value.number("fluid_pressure").filter(|pa| *pa > 0.5 * AIR_PA)?;
+        Some(((pressure - AIR_PA) / WATER_PA_PER_M).max(0.0))
+    };
+    let depth = is_depth_topic.then(of_topic).flatten().map(f64::abs).or_else(of_pressure);
+    depth.filter(|depth| depth.is_finite() && *depth < DEEPEST_M)
+}
+
+/// Deeper than any sea (m).
+const DEEPEST_M: f64 = 12_000.0;
+
+/// A depth between two others; `None` far from any.
+pub fn depth_at(depths: &[(Stamp, f64)], stamp: Stamp) -> Option<f64> {
+    let after = depths.partition_point(|(s, _)| *s < stamp);
+    let near = |(s, depth): &(Stamp, f64)| {
+        (s.seconds_since(stamp).abs() < LONGEST_GAP_S).then_some(*depth)
+    };
+    match (after.checked_sub(1).and_then(|i| depths.get(i)), depths.get(after)) {
+        (Some((a, p)), Some((b, q))) if b.seconds_since(*a) < 2.0 * LONGEST_GAP_S => {
+            Some(p + (q - p) * stamp.seconds_since(*a) / b.seconds_since(*a))
+        }
+        (a, b) => a.and_then(near).or_else(|| b.and_then(near)),
+    }
 }
 
 fn fix(value: &Value<'_>, stamp: Stamp) -> Option<Fix> {

@@ -9,13 +9,15 @@
 //! end. **Dropped.** Only what the user excludes (`--drop-raw`, `--only`, `-S`, `-E`), and chunks
 //! with a wrong checksum, which are listed with their time span.
 
+mod digest;
 mod read;
 mod source;
 mod write;
 
+pub use digest::{ChannelDigest, Difference, Fingerprinted};
 pub use read::{
-    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, Message, RawChunk,
-    Recording, Schema, Window,
+    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, LogFiles, Message,
+    RawChunk, Recording, Schema, Window,
 };
 pub use write::{
     NewAttachment, NewChannel, Output, OutputFile, Piece, PieceBytes, check_output_path,

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use sha2::Digest;
+use sha2::Digest as _;
 
 /// An open file of fixed length.
 pub struct Source {
@@ -22,10 +22,7 @@ impl Source {
         let file = File::open(path)?;
         let metadata = file.metadata()?;
         if metadata.is_dir() {
-            return Err(io::Error::new(
-                io::ErrorKind::IsADirectory,
-                "it is a folder; give the .mcap file inside it",
-            ));
+            return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder"));
         }
         if !metadata.is_file() {
             return Err(io::Error::new(
@@ -71,10 +68,9 @@ impl Source {
         })
     }
 
-    /// SHA-256 of the whole file, in hexadecimal.
-    pub fn sha256(&self) -> io::Result<String> {
+    /// Adds the whole file to a fingerprint.
+    pub fn hash_into(&self, hash: &mut sha2::Sha256) -> io::Result<()> {
         let mut buffer = vec![0; 1 << 20];
-        let mut hash = sha2::Sha256::new();
         let mut offset = 0;
         while offset < self.length {
             let size = (self.length - offset).min(buffer.len() as u64) as usize;
@@ -82,7 +78,7 @@ impl Source {
             hash.update(&buffer[..size]);
             offset += size as u64;
         }
-        Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+        Ok(())
     }
 }
 

@@ -28,6 +28,8 @@ pub struct CameraOutput<'p> {
     pub wire: WireFormat,
     /// the rig as the text of a rig file
     pub rig_toml: &'p str,
+    /// fingerprint of what the run was given beside its input
+    pub request: &'p str,
     /// those of the model
     pub model_diagnostics: &'p [Diagnostic],
     /// follows `/unwater` in the names of all but the first camera

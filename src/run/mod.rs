@@ -2,9 +2,10 @@
 //! (pass two).
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
-//! `fit`, `dvl_yaw`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
-//! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`.
+//! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
+//! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`, `join`.
 
+mod beam_from;
 pub mod bench;
 mod camera_model;
 mod camera_output;
@@ -13,6 +14,7 @@ mod corrector;
 mod dvl_yaw;
 mod fit;
 mod frame_corrector;
+mod join;
 pub mod memory;
 mod model_of;
 mod mount_check;
@@ -24,6 +26,7 @@ mod prepared_model;
 mod ready;
 mod topics;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::diagnostics::{Diagnostic, LogFact};
@@ -31,38 +34,42 @@ use crate::error::{Error, Result};
 use crate::messages::writer::WireFormat;
 use crate::model::ModelFile;
 use crate::parallel::Threads;
-use crate::recording::{Output, check_output_path};
+use crate::recording::{ChannelDigest, LogFiles, Output, check_output_path};
 use crate::report::Report;
 use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
 
+use beam_from::fit_log;
 pub use corrector::CorrectedFrame;
-use dvl_yaw::fit_model_and_yaw;
 use fit::ensure_same_camera;
 pub use frame_corrector::FrameCorrector;
+pub use join::{join, shard_of};
 use output_names::output_wire;
 pub use output_names::{corrected_topic, ensure_not_corrected, method_name, output_container};
 use pass_two::{Input, pass_two};
+pub use ready::request_sha256;
 use ready::{ReadyCamera, only};
 
-/// Estimates a model from one log or several of the same dive, camera and strobe.
+/// Estimates a model from one log or several of the same dive, camera and strobe: paths of files or
+/// of folders, or [`LogFiles`].
 ///
 /// # Errors
 /// A log cannot be used, or attenuation cannot be estimated.
-pub fn estimate_logs(
-    paths: &[&Path],
+pub fn estimate_logs<L: Clone + Into<LogFiles>>(
+    logs: &[L],
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<(ModelFile, Vec<Diagnostic>)> {
     let threads = Threads::new(options.threads);
-    let open = |path: &&Path| {
-        CameraSession::new(&Log::open_with_sha256(path, options, &threads)?, options)
+    let open = |files: &L| {
+        let files = files.clone().into();
+        CameraSession::new(&Log::open_with_sha256(&files, options, &threads)?, options)
     };
-    let sessions = paths.iter().map(open).collect::<Result<Vec<_>>>()?;
+    let sessions = logs.iter().map(open).collect::<Result<Vec<_>>>()?;
     let logs: Vec<&CameraSession> = sessions.iter().collect();
     ensure_same_camera(&logs)?;
     let diagnostics = logs.iter().flat_map(|log| log.survey.diagnostics.clone()).collect();
-    Ok((fit_model_and_yaw(&logs, options, &threads, progress)?.0, diagnostics))
+    Ok((fit_log(&logs, options, &threads, progress)?.0, diagnostics))
 }
 
 /// Estimates a model from surveyed logs of one camera.
@@ -74,24 +81,26 @@ pub fn estimate(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<ModelFile> {
-    Ok(fit_model_and_yaw(logs, options, &Threads::new(options.threads), progress)?.0)
+    Ok(fit_log(logs, options, &Threads::new(options.threads), progress)?.0)
 }
 
-/// Corrects one camera of a log with a given model, or estimates one first.
+/// Corrects one camera of a log with a given model, or estimates one first. The log is the path of
+/// a file or of a folder, or [`LogFiles`].
 ///
 /// # Errors
 /// Nothing is written under the output's name then. Several cameras of which none is selected are
 /// an error too.
 pub fn correct(
-    input: &Path,
+    input: impl Into<LogFiles>,
     output: &Path,
     model: Option<ModelFile>,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<(Report, ModelFile)> {
-    ensure_writable(input, output, options)?;
+    let input = input.into();
+    ensure_writable(&input, output, options)?;
     let threads = Threads::new(options.threads);
-    let log = Log::open_with_sha256(input, options, &threads)?;
+    let log = Log::open_with_sha256(&input, options, &threads)?;
     let session = CameraSession::new(&log, options)?;
     drop(log); // and the readings of its sensors
     let camera = ReadyCamera::new(session, model, options, &threads, progress)?;
@@ -106,15 +115,16 @@ pub fn correct(
 /// As [`correct`]. A camera that cannot be corrected is left as it is and reported, where another
 /// one can.
 pub fn correct_all(
-    input: &Path,
+    input: impl Into<LogFiles>,
     output: &Path,
     model: Option<ModelFile>,
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<Vec<(Report, ModelFile)>> {
-    ensure_writable(input, output, options)?;
+    let input = input.into();
+    ensure_writable(&input, output, options)?;
     let threads = Threads::new(options.threads);
-    let log = Log::open_with_sha256(input, options, &threads)?;
+    let log = Log::open_with_sha256(&input, options, &threads)?;
     // A model and a rig file are of one camera.
     let is_of_one = model.is_some() || options.rig.camera != CameraFacts::default();
     let sessions = match CameraSession::new(&log, options) {
@@ -143,9 +153,11 @@ pub fn correct_all(
     }
 }
 
-fn ensure_writable(input: &Path, output: &Path, options: &Options) -> Result<()> {
+fn ensure_writable(input: &LogFiles, output: &Path, options: &Options) -> Result<()> {
     options.config.ensure_valid().map_err(Error::Usage)?;
-    check_output_path(input, output, options.force)?;
+    for file in input.files()? {
+        check_output_path(&file, output, options.force)?;
+    }
     only(options).map(drop)
 }
 
@@ -157,7 +169,6 @@ fn write(
     options: &Options,
     (threads, progress): (&Threads, &dyn Progress),
 ) -> Result<Vec<(Report, ModelFile)>> {
-    let no_camera = || Error::Usage("no camera".into());
     let first = &cameras.first().ok_or_else(no_camera)?.session;
     let wire = output_wire(first);
     // A profile promises how every channel is encoded.
@@ -169,6 +180,48 @@ fn write(
     let file = Output::create(output, profile, &options.config.output)?;
     let outputs = cameras.iter().enumerate().map(|(i, camera)| camera.output(i == 0, wire));
     let input = Input::new(outputs.collect(), options.window(), only(options)?.as_ref());
-    let reports = pass_two(&input.ok_or_else(no_camera)?, file, left_out, threads, progress)?;
+    let mut input = input.ok_or_else(no_camera)?;
+    input.shard = options.shard;
+    let (reports, _) = pass_two(&input, file, left_out, threads, progress)?;
     Ok(reports.into_iter().zip(cameras).map(|(report, c)| (report, c.model.file)).collect())
+}
+
+fn no_camera() -> Error {
+    Error::Usage("no camera".into())
+}
+
+/// Pass two again over the cameras of a log, each with its options and its model, without an
+/// output. Returns fingerprints of the messages that it would add, by topic.
+///
+/// # Errors
+/// As [`correct`].
+pub fn repeat(
+    input: &LogFiles,
+    cameras: Vec<(Options, ModelFile)>,
+    progress: &dyn Progress,
+) -> Result<BTreeMap<String, ChannelDigest>> {
+    let (first, _) = cameras.first().ok_or_else(no_camera)?;
+    // No topic of the input is needed, not even one that was added before.
+    let no_topic = |options: &Options| {
+        let mut options = options.clone();
+        options.config.output.only = Some("^$".into());
+        options
+    };
+    let options = no_topic(first);
+    let threads = Threads::new(options.threads);
+    let log = Log::open_with_sha256(input, &options, &threads)?;
+    let ready = |(options, model): (Options, ModelFile)| {
+        let options = no_topic(&options);
+        let session = CameraSession::new(&log, &options)?;
+        ReadyCamera::new(session, Some(model), &options, &threads, progress)
+    };
+    let cameras = cameras.into_iter().map(ready).collect::<Result<Vec<_>>>()?;
+    drop(log); // and the readings of its sensors
+    let wire = output_wire(&cameras.first().ok_or_else(no_camera)?.session);
+    let outputs = cameras.iter().enumerate().map(|(i, camera)| camera.output(i == 0, wire));
+    let input = Input::new(outputs.collect(), options.window(), only(&options)?.as_ref());
+    let discarded = Output::discarding(&options.config.output);
+    let input = input.ok_or_else(no_camera)?;
+    let (_, output) = pass_two(&input, discarded, Vec::new(), &threads, progress)?;
+    Ok(output.digests())
 }

@@ -10,13 +10,13 @@ use crate::messages::writer::WireFormat;
 use crate::model::ModelFile;
 use crate::parallel::Threads;
 use crate::session::survey::rig_facts;
-use crate::session::{CameraSession, FrameGains, Options, Progress};
+use crate::session::{CameraSession, FrameGains, Options, Progress, sha256};
 use crate::vehicle::Rig;
 
+use super::beam_from::fit_log;
 use super::camera_model::CameraModel;
 use super::camera_output::CameraOutput;
 use super::corrector::Corrector;
-use super::dvl_yaw::fit_model_and_yaw;
 use super::model_of::{exposure, strobe_of};
 use super::output_names::{camera_name, ensure_not_corrected};
 use super::pass_one::PassOne;
@@ -30,6 +30,8 @@ pub struct ReadyCamera {
     pub model: CameraModel,
     means: MeanFrames,
     rig_toml: String,
+    /// fingerprint of what the run was given beside its input
+    request: String,
     /// those of the model
     diagnostics: Vec<Diagnostic>,
 }
@@ -38,6 +40,26 @@ pub struct ReadyCamera {
 pub fn only(options: &Options) -> Result<Option<regex::Regex>> {
     let only = options.config.output.only.as_ref().map(|o| regex::Regex::new(o)).transpose();
     only.map_err(|e| Error::Usage(format!("--only: {e}")))
+}
+
+/// Fingerprint of what a run is given beside its input: version, settings, rig file, channels,
+/// window and model. Runs of the same input with the same fingerprint write the same bytes.
+///
+/// # Errors
+/// The model cannot be written as JSON.
+pub fn request_sha256(options: &Options, model: Option<&ModelFile>) -> Result<String> {
+    let failed = |e: serde_json::Error| Error::WriteRecord {
+        path: "model.json".into(),
+        reason: e.to_string(),
+    };
+    let model = model.map(ModelFile::to_json).transpose().map_err(failed)?;
+    let Options { config, rig, selection, window, beam_from, .. } = options;
+    let shared = beam_from.as_deref().map(ModelFile::to_json).transpose().map_err(failed)?;
+    let flat_field = rig.camera.flat_field.as_ref().and_then(|path| std::fs::read(path).ok());
+    let flat_field = flat_field.map(|bytes| sha256(&bytes));
+    let version = env!("CARGO_PKG_VERSION");
+    let request = (version, config, rig, selection, window, flat_field, model, shared);
+    Ok(sha256(format!("{request:?}").as_bytes()))
 }
 
 impl ReadyCamera {
@@ -54,19 +76,21 @@ impl ReadyCamera {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let method = options.config.render.method;
+        let source = options.source_sha256.as_deref();
+        let request = request_sha256(options, model.as_ref())?;
         let (mut file, means) = match model {
-            None => fit_model_and_yaw(&[&session], options, threads, progress)?,
+            None => fit_log(&[&session], options, threads, progress)?,
             Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
                 (file, MeanFrames::default())
             }
             Some(file) => {
-                let CameraModel { file, .. } = CameraModel::new(&mut session, file, None)?;
+                let CameraModel { file, .. } = CameraModel::new(&mut session, file, source)?;
                 expose(&session, file, options, threads, progress)?
             }
         };
         // Exposure belongs to the model, the treatment of highlights to this run.
         file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
-        let model = CameraModel::new(&mut session, file, None)?;
+        let model = CameraModel::new(&mut session, file, source)?;
         ensure_not_corrected(&session, only(options)?.as_ref())?;
         let missing = session.survey.missing_settings(&model.file);
         session.survey.diagnostics.extend(missing);
@@ -74,12 +98,12 @@ impl ReadyCamera {
         let rig = rig_facts(&session.survey.rig, &options.rig);
         let rig_toml = toml::to_string_pretty(&rig)
             .map_err(|e| Error::WriteRecord { path: "rig.toml".into(), reason: e.to_string() })?;
-        Ok(Self { session, model, means, rig_toml, diagnostics })
+        Ok(Self { session, model, means, rig_toml, request, diagnostics })
     }
 
     /// The camera as pass two needs it.
     pub fn output(&self, is_first: bool, wire: WireFormat) -> CameraOutput<'_> {
-        let Self { session, model, means, rig_toml, diagnostics } = self;
+        let Self { session, model, means, rig_toml, request, diagnostics } = self;
         let config = &session.config.render;
         let rendering = Rendering { config, exposure: &model.file.rendering, means };
         CameraOutput {
@@ -88,6 +112,7 @@ impl ReadyCamera {
             corrector: Corrector::new(session, model, rendering),
             wire,
             rig_toml,
+            request,
             model_diagnostics: diagnostics,
             name: if is_first { String::new() } else { camera_name(&session.survey.camera_topic) },
         }

@@ -53,10 +53,9 @@ impl CameraSession {
         Self::new(&Log::open(path, options)?, options)
     }
 
-    /// The file's name without its folder.
+    /// The file's name without its folder, or that of a split recording.
     pub fn file_name(&self) -> String {
-        let name = self.recording.path().file_name();
-        name.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+        self.recording.name().into()
     }
 
     /// Runs `work` in parallel over the messages of chosen frames of the camera, and passes the

@@ -11,7 +11,7 @@ use super::readings::Readings;
 use crate::error::{Error, Result};
 use crate::messages::Kind;
 use crate::parallel::Threads;
-use crate::recording::Recording;
+use crate::recording::{LogFiles, Recording};
 use crate::vehicle::DvlFacts;
 
 /// A scanned log. Every camera of it is surveyed from the same scan.
@@ -36,12 +36,16 @@ impl Log {
         Self::scan(Recording::open(path)?, options, &threads)?.with_messages(options)
     }
 
-    /// As [`Log::open`]; the file's fingerprint is computed meanwhile.
+    /// As [`Log::open`], of one file or several; their fingerprint is computed meanwhile.
     ///
     /// # Errors
     /// As [`Log::open`].
-    pub fn open_with_sha256(path: &Path, options: &Options, threads: &Threads) -> Result<Self> {
-        let recording = Arc::new(Recording::open(path)?);
+    pub fn open_with_sha256(
+        files: &LogFiles,
+        options: &Options,
+        threads: &Threads,
+    ) -> Result<Self> {
+        let recording = Arc::new(Recording::open_files(files)?);
         let (fingerprint, log) = threads.overlap(
             || recording.sha256().map(drop),
             || Self::scan(Arc::clone(&recording), options, threads)?.with_messages(options),

@@ -26,6 +26,6 @@ pub use frame::{Frame, ImageMessage, UnusableFrame};
 pub use frame_gains::FrameGains;
 pub use index::FrameRef;
 pub use log::{Log, sha256};
-pub use options::{Options, Progress, Selection, Silent, Step};
+pub use options::{Options, Progress, Selection, Shard, Silent, Step};
 pub use readings::{ChannelReadings, Readings};
 pub use tilts::Tilts;

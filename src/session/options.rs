@@ -1,6 +1,13 @@
 //! What a run is given beside its input, and whom it reports its progress to.
 
+use std::ops::Range;
+use std::str::FromStr;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
 use crate::config::Config;
+use crate::model::ModelFile;
 use crate::recording::Window;
 use crate::vehicle::RigFile;
 
@@ -30,7 +37,48 @@ pub struct Options {
     pub threads: usize,
     /// overwrite the output
     pub force: bool,
+    /// the part of the log whose frames are corrected; all of them where `None`
+    pub shard: Option<Shard>,
+    /// a model whose beam pattern, strobe position, transfer curve and vignetting are used; only
+    /// attenuation is estimated
+    pub beam_from: Option<Arc<ModelFile>>,
+    /// fingerprint of the raw log, where the log that is read was corrected before
+    pub source_sha256: Option<String>,
 }
+
+/// One of several parts of a log that are corrected apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shard {
+    /// from 1 to `count`
+    pub index: usize,
+    /// number of parts
+    pub count: usize,
+}
+
+impl Shard {
+    /// The part of a sequence of `length` things.
+    pub fn range(self, length: usize) -> Range<usize> {
+        let Self { index, count } = self;
+        length * (index - 1) / count..length * index / count
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    /// `I/N`; `0/N` is `N/N`, for those who count from 0.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parsed = text.split_once('/').and_then(|(index, count)| {
+            let (index, count): (usize, usize) = (index.parse().ok()?, count.parse().ok()?);
+            (index <= count && (1..=MAX_SHARDS).contains(&count)).then_some((index, count))
+        });
+        let (index, count) = parsed.ok_or("I/N is expected, with I from 1 to N")?;
+        Ok(Self { index: if index == 0 { count } else { index }, count })
+    }
+}
+
+/// More parts than any log has frames to share.
+const MAX_SHARDS: usize = 10_000;
 
 impl Options {
     /// The segment that is read.

@@ -272,6 +272,8 @@ fn geotiff_without_a_position_is_refused() -> Result<(), Failed> {
 }
 
 const ORIGIN: (f64, f64) = (60.0, 10.0);
+/// The sea surface in the dive's world (m).
+const SURFACE_M: f64 = 40.0;
 const M_PER_DEG: f64 = 111_195.0;
 
 /// The log with a fix at every frame, as JSON.
@@ -297,12 +299,24 @@ fn with_fixes(source: &Path, target: &Path, truth: &Truth) -> Result<(), Failed>
             data: data.into_bytes(),
         },
     )?;
+    let depth = format!(r#"{{"type":"object","properties":{{"data":{number}}}}}"#);
+    let depth = out.add_channel(
+        "/depth",
+        "json",
+        &Schema {
+            name: "std_msgs/msg/Float64".into(),
+            encoding: "jsonschema".into(),
+            data: depth.into_bytes(),
+        },
+    )?;
     for entry in log.messages(Window::ALL) {
         if let Entry::Message(message) = entry {
             out.copy_message(&message);
         }
     }
     for frame in &truth.frames {
+        let below = format!(r#"{{"data":{}}}"#, SURFACE_M - frame.position[2]);
+        out.write(depth, frame.stamp_ns, frame.stamp_ns, below.as_bytes());
         let (sec, nanosec) = (frame.stamp_ns / 1_000_000_000, frame.stamp_ns % 1_000_000_000);
         let (latitude, longitude) = (
             ORIGIN.0 + frame.position[1] / M_PER_DEG,
@@ -390,6 +404,80 @@ fn geotiff_tags_lead_to_the_right_pixel() -> Result<(), Failed> {
     Ok(())
 }
 
+/// All that a log does not know.
+const FACTS: &str = r#"
+image-context = { name = "tests" }
+image-project = { name = "unwater" }
+image-event = { name = "dive 1" }
+image-platform = { name = "a renderer" }
+image-pi = { name = "nobody", uri = "https://orcid.org/0000-0000-0000-0000" }
+image-creators = [{ name = "nobody" }]
+image-license = { name = "CC0-1.0", uri = "https://creativecommons.org/publicdomain/zero/1.0/" }
+image-copyright = "none"
+image-abstract = "A dive that was rendered."
+image-coordinate-uncertainty-meters = 0.1
+"#;
+
+/// Depth, angles and the lists of other programs, against the truth.
+fn agrees_with_truth(
+    folder: &Path,
+    items: &serde_json::Map<String, serde_json::Value>,
+    truth: &Truth,
+) -> Result<(), Failed> {
+    let read = |name: &str| std::fs::read_to_string(folder.join(name));
+    let [biigle, squidle, reference, geo] =
+        ["images.csv", "squidle.csv", "reference.csv", "geo.txt"].map(read);
+    let (biigle, squidle, reference, geo) = (biigle?, squidle?, reference?, geo?);
+    ensure(geo.starts_with("EPSG:4326\n"), "geo.txt has no projection")?;
+    ensure(reference.starts_with("label,longitude,latitude,altitude,yaw"), "reference.csv")?;
+    let track: serde_json::Value = serde_json::from_str(&read("track.geojson")?)?;
+    let line = &track["features"][0]["geometry"]["coordinates"];
+    let images = read("colmap/images.txt")?;
+    let poses: Vec<Vec<&str>> = images
+        .lines()
+        .filter(|line| !line.is_empty() && !line.starts_with('#'))
+        .map(|line| line.split(' ').collect())
+        .collect();
+    ensure(poses.len() == truth.frames.len(), format!("{} poses", poses.len()))?;
+    let center = |pose: &[&str]| -> Option<[f64; 3]> {
+        let n: Vec<f64> = pose[1..8].iter().filter_map(|v| v.parse().ok()).collect();
+        let [w, x, y, z, a, b, c] = n[..] else { return None };
+        let q = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(w, x, y, z));
+        Some((-(q.inverse() * nalgebra::Vector3::new(a, b, c))).into())
+    };
+    let first = center(&poses[0]).ok_or("no pose")?;
+    for (k, (pose, frame)) in poses.iter().zip(&truth.frames).enumerate() {
+        let item = &items[pose[9]];
+        let number = |key: &str| item[key].as_f64().ok_or(format!("no {key}"));
+        let q = frame.orientation_xyzw;
+        let world_from_base = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(
+            q[3], q[0], q[1], q[2],
+        ));
+        let depth = SURFACE_M - frame.position[2];
+        assert_within("data set: depth [m]", -number("image-altitude-meters")? - depth, 0.001);
+        // Forward of the vehicle is the top of its images.
+        let ahead = world_from_base * nalgebra::Vector3::x();
+        let heading = ahead.x.atan2(ahead.y).to_degrees();
+        let off = (number("image-camera-yaw-degrees")? - heading + 540.0).rem_euclid(360.0) - 180.0;
+        assert_within("data set: yaw [°]", off, 3.0);
+        // Positions by dead reckoning, from the first frame on.
+        let at = center(pose).ok_or("no pose")?;
+        let start = truth.frames[0].position;
+        let moved = (0..2).map(|k| (at[k] - first[k] - frame.position[k] + start[k]).powi(2));
+        assert_within("data set: COLMAP position [m]", moved.sum::<f64>().sqrt(), 0.25);
+        // The same in every list.
+        let latitude = item["image-latitude"].to_string();
+        for list in [&biigle, &squidle, &reference, &geo] {
+            let row = list.lines().nth(k + 1).ok_or("a row is missing")?;
+            ensure(row.contains(pose[9]) && row.contains(&latitude), row.to_string())?;
+        }
+        ensure(line[k][1] == item["image-latitude"], "track.geojson")?;
+    }
+    let cameras = read("colmap/cameras.txt")?;
+    ensure(cameras.lines().any(|l| l.starts_with("1 ")), cameras.clone())?;
+    ensure(read("colmap/points3D.txt")?.starts_with('#'), "points3D.txt")
+}
+
 /// The stills are the log's own bytes, and the lists say of each where and when it was taken, by
 /// the truth.
 #[test]
@@ -398,25 +486,49 @@ fn exported_data_set_is_complete() -> Result<(), Failed> {
     let (log, folder, facts) =
         (made.path("exported.mcap"), made.path("data_set"), made.path("facts.toml"));
     with_fixes(&made.path("out.mcap"), &log, &made.truth)?;
-    std::fs::write(
-        &facts,
-        "image-copyright = \"nobody\"\nimage-license = { name = \"CC0-1.0\" }\n",
-    )?;
-    let said = unwater(&["export", text(&log), "-o", text(&folder), "--facts", text(&facts)]);
+    // A record is refused by the names of what it lacks, before anything is written.
+    std::fs::write(&facts, "image-license = { name = \"CC0-1.0\" }\n")?;
+    let export = ["export", text(&log), "-o", text(&folder), "--facts", text(&facts)];
+    let said = unwater(&export);
     let words = String::from_utf8_lossy(&said.stderr);
     ensure(
-        said.status.success() && words.contains("image-pi") && !words.contains("image-license"),
+        said.status.code() == Some(2)
+            && words.contains("image-pi")
+            && words.contains("image-handle")
+            && !words.contains("image-license")
+            && !words.contains("image-latitude")
+            && !words.contains("image-altitude-meters")
+            && !folder.exists(),
         words.as_ref(),
     )?;
+    std::fs::write(&facts, FACTS)?;
+    let handle = ["--handle-prefix", "https://hdl.handle.net/20.500.12085/"];
+    let said = unwater(&[&export[..], &handle].concat());
+    let words = String::from_utf8_lossy(&said.stderr);
+    ensure(said.status.success() && words.is_empty(), words.as_ref())?;
     let ifdo: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("ifdo.json"))?)?;
     let (header, items) =
         (&ifdo["image-set-header"], ifdo["image-set-items"].as_object().ok_or("no items")?);
     ensure(
         header["image-license"]["name"] == "CC0-1.0"
-            && header["image-set-ifdo-version"] == "v2.1.0",
+            && header["image-set-ifdo-version"] == "v2.2.1"
+            && header["image-photometric-calibration"].as_object().is_some_and(|p| p.len() == 8),
         "the header",
     )?;
+    let handle = |uuid: &serde_json::Value| {
+        let uuid = uuid.as_str().unwrap_or_default();
+        let is_version_4 =
+            uuid.len() == 36 && &uuid[14..15] == "4" && "89ab".contains(&uuid[19..20]);
+        is_version_4.then(|| format!("https://hdl.handle.net/20.500.12085/{uuid}"))
+    };
+    for (at, uuid) in [(&header["image-set-handle"], &header["image-set-uuid"])]
+        .into_iter()
+        .chain(items.values().map(|item| (&item["image-handle"], &item["image-uuid"])))
+    {
+        ensure(at.as_str().is_some() && at.as_str() == handle(uuid).as_deref(), format!("{at}"))?;
+    }
+    agrees_with_truth(&folder, items, &made.truth)?;
     ensure(items.len() == 22, format!("{} items", items.len()))?;
     let recording = Recording::open(&log)?;
     let topic = recording
@@ -468,6 +580,12 @@ fn exported_data_set_is_complete() -> Result<(), Failed> {
         }),
         "a moment",
     )?;
+    // Without facts there are lists and no record.
+    let bare = made.path("bare_data_set");
+    let said = unwater(&["export", text(&log), "-o", text(&bare)]);
+    let words = String::from_utf8_lossy(&said.stderr);
+    ensure(said.status.success() && words.contains("image-pi"), words.as_ref())?;
+    ensure(!bare.join("ifdo.json").exists() && bare.join("images.csv").exists(), "a record")?;
     let again = unwater(&["export", text(&log), "-o", text(&folder)]);
     ensure(
         again.status.code() == Some(1)

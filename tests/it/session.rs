@@ -8,7 +8,7 @@ use unwater::error::Error;
 use unwater::model::{
     CameraFile, FrameGainFile, GeometryFile, InputFile, ModelFile, VignettingFile,
 };
-use unwater::products::data_set::export;
+use unwater::products::data_set::{Archive, export};
 use unwater::products::dive::{CorrectedLog, Images};
 use unwater::recording::{Channel, Entry, FrameId, Recording, Window};
 use unwater::run::{correct, estimate_logs};
@@ -194,8 +194,8 @@ fn a_log_is_scanned_once() {
 
 /// Exports the first camera of a log.
 fn exported(log: &CorrectedLog, folder: &Path) -> Result<usize, Error> {
-    let facts = serde_json::Map::new();
-    let written = export(log, &log.cameras[0], &facts, folder, &Silent)?;
+    let archive = Archive::default();
+    let written = export(log, &log.cameras[0], &archive, folder, &Silent)?;
     Ok(written.stills)
 }
 

@@ -6,7 +6,7 @@ use super::super::args::{CorrectedLogArgs, OutputArgs, read};
 use super::super::output::{Outcome, print, print_written};
 use super::super::progress::Bar;
 use crate::error::{Error, Result};
-use crate::products::data_set;
+use crate::products::data_set::{self, Archive, Facts};
 use crate::products::dive::{CameraLog, CorrectedLog};
 
 #[derive(Debug, clap::Args)]
@@ -20,6 +20,10 @@ pub struct Args {
     /// Fields of the iFDO header that no log contains (TOML): image-pi, image-license, …
     #[arg(long, value_name = "FACTS.toml")]
     facts: Option<PathBuf>,
+    /// Where the files will be found: image-handle is PREFIX/UUID, with a prefix such as
+    /// `https://hdl.handle.net/20.500.12085`
+    #[arg(long, value_name = "PREFIX", value_parser = uri)]
+    handle_prefix: Option<String>,
     #[command(flatten)]
     log: CorrectedLogArgs,
     #[command(flatten)]
@@ -29,19 +33,30 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let options = args.log.options()?;
     ensure_empty(&args.output, args.out.force)?;
-    let facts = args.facts.as_deref().map_or_else(|| Ok(serde_json::Map::new()), read_facts)?;
+    let facts = args.facts.as_deref().map(read_facts).transpose()?;
+    let archive = Archive {
+        must_have_record: facts.is_some() || args.handle_prefix.is_some(),
+        facts: facts.unwrap_or_default(),
+        handle_prefix: args.handle_prefix.clone(),
+    };
     let log = CorrectedLog::open(&args.input, &options)?;
     let camera = selected(&log, args.log.camera.as_deref())?;
     let bar = Bar::new(args.out.quiet);
-    let written = data_set::export(&log, camera, &facts, &args.output, &bar)?;
+    let written = data_set::export(&log, camera, &archive, &args.output, &bar)?;
     if args.out.quiet {
         return Ok(Outcome::Done);
     }
     if !written.missing.is_empty() {
         let missing = written.missing.join(", ");
-        eprintln!("note: ifdo.json lacks what neither log nor --facts contains: {missing}");
+        eprintln!(
+            "note: no ifdo.json: give --facts and --handle-prefix, as the log does not contain \
+             {missing}"
+        );
     }
     print(&format!("stills       {}\n", written.stills));
+    if !written.poses_from.is_empty() {
+        print(&format!("poses        {}\n", written.poses_from));
+    }
     print_written(&args.output);
     Ok(Outcome::Done)
 }
@@ -54,12 +69,20 @@ fn ensure_empty(folder: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
-fn read_facts(path: &Path) -> Result<serde_json::Map<String, serde_json::Value>> {
-    toml::from_str(&read(path)?).map_err(|e| Error::BadFile {
+fn read_facts(path: &Path) -> Result<Facts> {
+    Facts::from_toml(&read(path)?).map_err(|reason| Error::BadFile {
         path: path.into(),
         what: "invalid fact",
-        reason: e.to_string().trim().into(),
+        reason,
     })
+}
+
+fn uri(text: &str) -> std::result::Result<String, String> {
+    let is_uri = text.split_once(':').is_some_and(|(scheme, rest)| {
+        !scheme.is_empty() && !rest.is_empty() && scheme.chars().all(|c| c.is_ascii_alphanumeric())
+    });
+    let is_plain = !text.chars().any(|c| c.is_whitespace() || "<>\"{}|\\^`".contains(c));
+    if is_uri && is_plain { Ok(text.into()) } else { Err("a URI is expected, https://…".into()) }
 }
 
 /// The one corrected camera, or the one of the topic given.

@@ -3,6 +3,7 @@
 //! best; protobuf with Foxglove's schemas, or ROS 1, by choice.
 
 mod encode;
+mod navigation;
 mod scene;
 mod schema;
 #[rustfmt::skip] // several fields of a message per line
@@ -11,6 +12,7 @@ mod types;
 pub use encode::{
     LogLine, RawImage, camera_info, compressed_image, image, log, multi_array, with_header,
 };
+pub use navigation::{FLOAT64, IMU, NAV_SAT_FIX, RANGE, altitude, attitude, number, position};
 pub use scene::{ScenePoint, point_cloud, pose, transform};
 pub use schema::{OutputSchema, OutputType};
 pub use types::{

@@ -21,6 +21,8 @@ pub struct Attachment {
     pub media_type: String,
     /// of the data (byte)
     pub size: u64,
+    /// index of the file it is in
+    part: usize,
     body: Range<u64>,
     data_offset: u64,
 }
@@ -40,11 +42,11 @@ const MAX_HEADER: u64 = 64 << 10;
 impl Recording {
     /// The attachments, and their damage.
     pub fn attachments(&self) -> impl Iterator<Item = std::result::Result<Attachment, Damage>> {
-        self.attachments.iter().map(|body| {
-            let damage = |reason: String| Damage::at(body.start, reason);
+        self.attachments.iter().map(|(part, body)| {
+            let damage = |reason: String| self.located(*part, Damage::at(body.start, reason));
             let unreadable = |e| damage(format!("an attachment cannot be read: {e}"));
             let attachment = self
-                .attachment(body.clone())
+                .attachment(*part, body.clone())
                 .map_err(unreadable)?
                 .ok_or_else(|| damage("the lengths of an attachment are inconsistent".into()))?;
             if self.is_checksum_valid(&attachment).map_err(unreadable)? {
@@ -55,8 +57,8 @@ impl Recording {
         })
     }
 
-    fn attachment(&self, body: Range<u64>) -> io::Result<Option<Attachment>> {
-        let head = self.source.bytes(body.start..body.end.min(body.start + MAX_HEADER))?;
+    fn attachment(&self, part: usize, body: Range<u64>) -> io::Result<Option<Attachment>> {
+        let head = self.source(part).bytes(body.start..body.end.min(body.start + MAX_HEADER))?;
         let parsed = || {
             let (name, at) = string_at(&head, 16)?;
             let (media_type, at) = string_at(&head, at)?;
@@ -69,6 +71,7 @@ impl Recording {
                 name,
                 media_type,
                 size,
+                part,
                 body: body.clone(),
                 data_offset,
             };
@@ -79,14 +82,15 @@ impl Recording {
 
     /// Whether the checksum is right, or absent.
     fn is_checksum_valid(&self, attachment: &Attachment) -> io::Result<bool> {
-        let Range { start, end } = attachment.body;
-        let stored = self.source.bytes(end - 4..end)?;
+        let (source, Range { start, end }) =
+            (self.source(attachment.part), attachment.body.clone());
+        let stored = source.bytes(end - 4..end)?;
         if stored == [0; 4] {
             return Ok(true);
         }
         let mut hash = crc32fast::Hasher::new();
         for at in (start..end - 4).step_by(READ_SIZE as usize) {
-            hash.update(&self.source.bytes(at..(at + READ_SIZE).min(end - 4))?);
+            hash.update(&source.bytes(at..(at + READ_SIZE).min(end - 4))?);
         }
         Ok(stored == hash.finalize().to_le_bytes())
     }
@@ -96,9 +100,11 @@ impl Recording {
         &self,
         attachment: &Attachment,
     ) -> impl Iterator<Item = Result<Vec<u8>>> {
-        let Range { start, end } = attachment.body;
+        let Range { start, end } = attachment.body.clone();
+        let part = attachment.part;
         (start..end).step_by(READ_SIZE as usize).map(move |at| {
-            self.source.bytes(at..(at + READ_SIZE).min(end)).map_err(|e| self.failed(e))
+            let bytes = self.source(part).bytes(at..(at + READ_SIZE).min(end));
+            bytes.map_err(|e| self.failed(part, e))
         })
     }
 
@@ -107,8 +113,8 @@ impl Recording {
     /// # Errors
     /// The file cannot be read.
     pub fn attachment_data(&self, attachment: &Attachment) -> Result<Vec<u8>> {
-        self.source
+        self.source(attachment.part)
             .bytes(attachment.data_offset..attachment.data_offset + attachment.size)
-            .map_err(|e| self.failed(e))
+            .map_err(|e| self.failed(attachment.part, e))
     }
 }

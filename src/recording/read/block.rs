@@ -17,6 +17,8 @@ use super::types::{Damage, Window};
 pub struct Block {
     /// number of the block in the log, counted from 0
     pub(super) number: u32,
+    /// index of the file it is in
+    pub(super) part: usize,
     /// a chunk's body, or message records with their headers (byte)
     range: Range<u64>,
     kind: Kind,
@@ -40,6 +42,7 @@ impl Block {
         let unpacked = if is_compressed { header.uncompressed_size } else { 0 };
         Self {
             number: 0,
+            part: 0,
             memory: (body.end - body.start).saturating_add(unpacked),
             range: body,
             kind: Kind::Chunk { is_whole, has_checksum: header.crc != 0 },
@@ -52,6 +55,7 @@ impl Block {
     pub(super) fn bare(record: Range<u64>, log_time: u64, channel: u16) -> Self {
         Self {
             number: 0,
+            part: 0,
             memory: record.end - record.start,
             range: record,
             kind: Kind::Bare,
@@ -85,6 +89,17 @@ impl Block {
     /// Adds a channel of the message index.
     pub(super) fn add_channel(&mut self, id: u16) {
         self.channels.push(id);
+    }
+
+    /// Renames the channels of the message index.
+    pub(super) fn rename_channels(&mut self, renamed: impl Fn(u16) -> u16) {
+        self.channels.iter_mut().for_each(|id| *id = renamed(*id));
+    }
+
+    /// First and last log time (ns); `None` where unknown.
+    pub fn times(&self) -> Option<(u64, u64)> {
+        let (start, end) = self.times;
+        (end >= start && end > 0).then_some(self.times)
     }
 
     /// Whether it is a chunk.

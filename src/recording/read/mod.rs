@@ -6,21 +6,27 @@
 //! scales with the chunk, not with the log. A chunk with a wrong size is read as far as its data
 //! goes.
 //!
+//! A log of several files (`files`: the parts of a split recording) reads like one: blocks are
+//! numbered through, and where a part numbers its channels otherwise, they are renamed (`part`).
+//!
 //! The files depend on each other in this order: `records`, `types` and `message`, `block`,
-//! `index`, `recording`, `attachment` and `notes`.
+//! `index`, `files` and `part`, `recording`, `attachment` and `notes`.
 
 mod attachment;
 mod block;
+mod files;
 mod index;
 mod message;
 mod notes;
+mod part;
 mod recording;
 mod records;
 mod types;
 
 pub use attachment::Attachment;
 pub use block::{Block, Contents, Entry, RawChunk};
+pub use files::LogFiles;
 pub use message::{FrameId, Message};
 pub use recording::Recording;
 pub use records::{MAGIC, MessageHeader, RECORD_HEADER};
-pub use types::{Channel, Damage, Declarations, Schema, Window};
+pub use types::{Channel, Damage, Declarations, Schema, Window, free_id};

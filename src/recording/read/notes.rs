@@ -1,9 +1,13 @@
 //! Diagnostics of a log as a file: unusual properties that are not damage.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use super::recording::Recording;
 use crate::diagnostics::{Diagnostic, LogFact};
+
+/// Parts of one recording follow one another within seconds (s).
+const MAX_GAP_S: f64 = 60.0;
 
 impl Recording {
     /// Unusual properties that are not damage, for `inspect`.
@@ -19,6 +23,7 @@ impl Recording {
         if self.is_complete && !self.has_summary {
             diagnostics.push(LogFact::NoSummary.into());
         }
+        diagnostics.extend(self.parts_diagnostics());
         let mut by_name: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
         for schema in self.schemas.values() {
             let definitions = by_name.entry(&schema.name).or_default();
@@ -39,5 +44,23 @@ impl Recording {
             }),
         );
         diagnostics
+    }
+
+    /// The parts of a split recording, and pairs of them that are far apart in time.
+    pub fn parts_diagnostics(&self) -> Vec<Diagnostic> {
+        let parts: Vec<_> = self.parts().collect();
+        if parts.len() < 2 {
+            return Vec::new();
+        }
+        let name = |path: &Path| {
+            path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+        };
+        let gap = |pair: &[(&Path, Option<(u64, u64)>)]| {
+            let gap_s = (pair[1].1?.0 as f64 - pair[0].1?.1 as f64) / 1e9;
+            let (before, after) = (name(pair[0].0), name(pair[1].0));
+            (gap_s.abs() > MAX_GAP_S).then(|| LogFact::PartsApart { before, after, gap_s }.into())
+        };
+        let whole = LogFact::Parts { parts: parts.len() }.into();
+        [whole].into_iter().chain(parts.windows(2).filter_map(gap)).collect()
     }
 }

@@ -3,22 +3,28 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::OnceLock;
 
 use mcap::records::{Metadata, Record};
+use sha2::Digest as _;
 
 use super::super::source::Source;
 use super::block::{Block, Contents, Entry};
+use super::files::LogFiles;
 use super::index::Index;
-use super::records::MAGIC;
+use super::part::Part;
 use super::types::{Channel, Damage, Declarations, Schema, Window};
 use crate::error::{Error, Result};
 
 /// An open log.
+#[derive(Default)]
 pub struct Recording {
-    path: PathBuf,
-    pub(super) source: Source,
+    files: LogFiles,
+    name: String,
+    parts: Vec<Part>,
+    /// whether it has several parts, so that damage names its own
+    is_split: bool,
     sha256: OnceLock<String>,
     blocks: Vec<Block>,
     /// messages outside of chunks
@@ -32,8 +38,8 @@ pub struct Recording {
     pub channels: BTreeMap<u16, Channel>,
     /// in the order of the file
     pub metadata: Vec<Metadata>,
-    /// bodies of the attachment records (byte)
-    pub(super) attachments: Vec<Range<u64>>,
+    /// bodies of the attachment records, with the index of their file (byte)
+    pub(super) attachments: Vec<(usize, Range<u64>)>,
     /// damage of the file's structure; that of blocks is found when they are read
     pub damage: Vec<Damage>,
     /// number of chunks per compression
@@ -43,85 +49,144 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Opens a log and indexes its blocks.
+    /// Opens a log, a file or a folder, and indexes its blocks.
     ///
     /// # Errors
     /// The file cannot be read, or is not MCAP.
     pub fn open(path: &Path) -> Result<Self> {
-        let read = |source| Error::Read { path: path.into(), source };
-        let source = Source::open(path).map_err(read)?;
-        let magic = source.bytes(0..source.length().min(MAGIC.len() as u64)).map_err(read)?;
-        if magic != MAGIC {
-            return Err(Error::NotMcap { path: path.into(), hint: hint(&magic) });
-        }
-        let Index {
-            mut blocks,
-            bare_messages,
-            has_summary,
-            is_complete,
-            profile,
-            mut declarations,
-            metadata,
-            attachments,
-            damage,
-            compressions,
-        } = Index::read(&source).map_err(read)?;
-        (0..).zip(&mut blocks).for_each(|(number, block)| block.number = number);
-        // Without a summary, or with one that repeats no channels, they are only inside chunks.
-        if !is_complete || declarations.channels.is_empty() {
-            for block in &blocks {
-                let declared = block.read(&source, Window::ALL).map_err(read)?.declared;
-                declared.into_iter().for_each(|record| declarations.add(record));
+        Self::open_files(&path.into())
+    }
+
+    /// Opens a log of one file or several. A part that is no MCAP file is damage, where another
+    /// one is.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_files(files: &LogFiles) -> Result<Self> {
+        let files = files.expanded()?;
+        let LogFiles { path, stem, parts, missing } = &files;
+        let own_name = path.file_name().map(|n| n.to_string_lossy().into_owned());
+        let name = own_name.filter(|_| parts.as_slice() == [path.clone()]);
+        let name = name.unwrap_or_else(|| stem.clone());
+        let is_split = parts.len() > 1;
+        let known = Self { has_summary: true, is_complete: true, ..Self::default() };
+        let mut recording = Self { name, is_split, ..known };
+        let (mut unusable, mut first_error) = (Vec::new(), None);
+        for part in parts {
+            match Part::open(part) {
+                Ok((part, index)) => recording.add(part, index)?,
+                Err(error @ Error::NotMcap { .. }) => {
+                    unusable.push(error.to_string());
+                    first_error.get_or_insert(error);
+                }
+                Err(error) => return Err(error),
             }
         }
-        let Declarations { schemas, channels } = declarations;
-        Ok(Self {
-            path: path.into(),
-            source,
-            sha256: OnceLock::new(),
-            blocks,
-            bare_messages,
-            has_summary,
-            profile,
-            schemas,
-            channels,
-            metadata,
-            attachments,
-            damage,
-            compressions,
-            is_complete,
-        })
+        match first_error {
+            Some(error) if recording.parts.is_empty() => return Err(error),
+            _ => {}
+        }
+        let missing = missing.iter().map(|part| format!("the part {part} is missing"));
+        let lost = unusable.into_iter().chain(missing).map(|reason| Damage::at(0, reason));
+        recording.damage.extend(lost);
+        recording.files = files;
+        Ok(recording)
     }
 
-    /// As given to [`Self::open`].
+    fn add(&mut self, mut part: Part, index: Index) -> Result<()> {
+        let mut declarations = Declarations {
+            schemas: std::mem::take(&mut self.schemas),
+            channels: std::mem::take(&mut self.channels),
+        };
+        part.declare(index.declarations, &mut declarations)?;
+        Declarations { schemas: self.schemas, channels: self.channels } = declarations;
+        let number = self.parts.len();
+        for mut block in index.blocks {
+            (block.number, block.part) = (self.blocks.len() as u32, number);
+            block.rename_channels(|id| part.channel(id));
+            self.blocks.push(block);
+        }
+        self.attachments.extend(index.attachments.into_iter().map(|body| (number, body)));
+        self.metadata.extend(index.metadata);
+        self.bare_messages += index.bare_messages;
+        self.has_summary &= index.has_summary;
+        self.is_complete &= index.is_complete;
+        if self.profile.is_empty() {
+            self.profile = index.profile;
+        }
+        for (name, chunks) in index.compressions {
+            *self.compressions.entry(name).or_default() += chunks;
+        }
+        self.parts.push(part);
+        for damage in index.damage {
+            self.damage.push(self.located(number, damage));
+        }
+        Ok(())
+    }
+
+    /// Path of the file, of the folder, or of the first part.
     pub fn path(&self) -> &Path {
-        &self.path
+        &self.files.path
     }
 
-    /// Length of the file (byte).
+    /// What it was opened from.
+    pub fn files(&self) -> &LogFiles {
+        &self.files
+    }
+
+    /// Name of the file or of the whole recording, without its folder.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Files, with their first and last log time as far as it is known (ns).
+    pub fn parts(&self) -> impl Iterator<Item = (&Path, Option<(u64, u64)>)> {
+        self.parts.iter().map(|part| (part.path.as_path(), part.times))
+    }
+
+    /// Length of all files (byte).
     pub fn length(&self) -> u64 {
-        self.source.length()
+        self.parts.iter().map(|part| part.source.length()).sum()
     }
 
     /// Bytes read so far, without those read by [`Self::sha256`].
     pub fn bytes_read(&self) -> u64 {
-        self.source.bytes_read()
+        self.parts.iter().map(|part| part.source.bytes_read()).sum()
     }
 
-    /// SHA-256 of the file, in hexadecimal; computed once.
+    /// SHA-256 of the file, or of all parts one after another, in hexadecimal; computed once.
     ///
     /// # Errors
-    /// The file cannot be read.
+    /// A file cannot be read.
     pub fn sha256(&self) -> Result<&str> {
         if let Some(known) = self.sha256.get() {
             return Ok(known);
         }
-        let computed = self.source.sha256().map_err(|source| self.failed(source))?;
+        let mut hash = sha2::Sha256::new();
+        for (number, part) in self.parts.iter().enumerate() {
+            part.source.hash_into(&mut hash).map_err(|source| self.failed(number, source))?;
+        }
+        let computed = hash.finalize().iter().map(|b| format!("{b:02x}")).collect();
         Ok(self.sha256.get_or_init(|| computed))
     }
 
-    pub(super) fn failed(&self, source: io::Error) -> Error {
-        Error::Read { path: self.path.clone(), source }
+    pub(super) fn source(&self, part: usize) -> &Source {
+        &self.parts[part].source
+    }
+
+    pub(super) fn failed(&self, part: usize, source: io::Error) -> Error {
+        Error::Read { path: self.parts[part].path.clone(), source }
+    }
+
+    /// Damage in a file, which is named where there are several.
+    pub(super) fn located(&self, part: usize, damage: Damage) -> Damage {
+        match self.parts[part].path.file_name().filter(|_| self.is_split) {
+            None => damage,
+            Some(name) => {
+                let reason = format!("{}: {}", name.to_string_lossy(), damage.reason);
+                Damage { reason, ..damage }
+            }
+        }
     }
 
     /// Chunks, and runs of messages outside of chunks, in the order of the file.
@@ -155,18 +220,27 @@ impl Recording {
     /// # Errors
     /// The file cannot be read.
     pub fn read(&self, block: &Block, window: Window) -> Result<Contents> {
-        let mut contents =
-            block.read(&self.source, window).map_err(|source| self.failed(source))?;
+        self.contents(block, window).map_err(|source| self.failed(block.part, source))
+    }
+
+    fn contents(&self, block: &Block, window: Window) -> io::Result<Contents> {
+        let mut contents = block.read(self.source(block.part), window)?;
+        self.parts[block.part].rename(&mut contents);
         if !contents.declared.iter().all(|record| self.has(record)) {
             contents.chunk = None;
+        }
+        for entry in &mut contents.entries {
+            if let Entry::Damaged(damage) = entry {
+                *damage = self.located(block.part, damage.clone());
+            }
         }
         Ok(contents)
     }
 
     /// Messages whose log time lies in the window, and damage, in the order of the file.
     pub fn messages(&self, window: Window) -> impl Iterator<Item = Entry> + '_ {
-        self.blocks.iter().filter(move |b| b.may_overlap(window)).flat_map(move |block| match block
-            .read(&self.source, window)
+        self.blocks.iter().filter(move |b| b.may_overlap(window)).flat_map(move |block| match self
+            .contents(block, window)
         {
             Ok(contents) => contents.entries,
             Err(e) => {
@@ -174,20 +248,5 @@ impl Recording {
                 vec![Entry::Damaged(Damage::at(0, reason))]
             }
         })
-    }
-}
-
-/// What a file with another magic is, and how to convert it.
-fn hint(magic: &[u8]) -> &'static str {
-    match magic {
-        [] => " (it is empty)",
-        [b'#', b'R', b'O', b'S', b'B', b'A', b'G', ..] => {
-            " but a ROS 1 bag; convert it first: `mcap convert in.bag out.mcap`"
-        }
-        [b'S', b'Q', b'L', b'i', b't', b'e', ..] => {
-            " but a ROS 2 SQLite bag; convert it first: `ros2 bag convert`"
-        }
-        [0x28, 0xb5, 0x2f, 0xfd, ..] => " but a zstd file; decompress it first: `zstd -d`",
-        _ => "",
     }
 }

@@ -109,3 +109,9 @@ impl Declarations {
         }
     }
 }
+
+/// An unused id: after the last one, else in a gap. 0 means no schema.
+pub fn free_id<T>(used: &BTreeMap<u16, T>) -> Option<u16> {
+    let next = used.last_key_value().map_or(Some(1), |(last, _)| last.checked_add(1));
+    next.or_else(|| (1..=u16::MAX).find(|id| !used.contains_key(id)))
+}

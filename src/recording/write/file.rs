@@ -47,6 +47,8 @@ pub struct OutputFile {
     file: Option<BufWriter<File>>,
     /// bytes written
     offset: u64,
+    /// whether nothing is written
+    is_discarded: bool,
     /// checksum of the current section
     hash: crc32fast::Hasher,
     /// index records of the summary
@@ -140,6 +142,7 @@ impl OutputFile {
             temporary,
             file: Some(BufWriter::with_capacity(1 << 20, file)),
             offset: 0,
+            is_discarded: false,
             hash: crc32fast::Hasher::new(),
             indexes: Indexes::default(),
             statistics: Statistics::default(),
@@ -149,11 +152,28 @@ impl OutputFile {
         Ok(output)
     }
 
+    /// A file that does not exist, and takes everything.
+    pub(super) fn discarding() -> Self {
+        Self {
+            target: PathBuf::new(),
+            temporary: PathBuf::new(),
+            file: None,
+            offset: 0,
+            is_discarded: true,
+            hash: crc32fast::Hasher::new(),
+            indexes: Indexes::default(),
+            statistics: Statistics::default(),
+        }
+    }
+
     fn failed(&self, source: io::Error) -> Error {
         Error::Write { path: self.target.clone(), source }
     }
 
     fn write_unhashed(&mut self, bytes: &[u8]) -> Result<()> {
+        if self.is_discarded {
+            return Ok(());
+        }
         let written = match &mut self.file {
             Some(file) => file.write_all(bytes),
             None => Err(io::Error::other("it is finished already")),
@@ -278,6 +298,9 @@ impl OutputFile {
     /// # Errors
     /// Writing failed; then there is no file at the target.
     pub fn finish(mut self, declarations: &Declarations) -> Result<()> {
+        if self.is_discarded {
+            return Ok(());
+        }
         let data_crc = std::mem::take(&mut self.hash).finalize();
         self.write_unhashed(&RecordBuilder::new(op::DATA_END).u32(data_crc).finish())?;
         let summary_start = self.offset;
@@ -335,7 +358,9 @@ fn attachment_fields(times: (u64, u64), size: u64, name: &str, media_type: &str)
 impl Drop for OutputFile {
     fn drop(&mut self) {
         // Close the file before removing it. After a successful `finish` nothing is left to remove.
-        drop(self.file.take());
-        remove_unfinished();
+        if !self.is_discarded {
+            drop(self.file.take());
+            remove_unfinished();
+        }
     }
 }

@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
-use super::super::read::{Channel, Declarations, Message, RawChunk, Schema};
+use super::super::digest::{ChannelDigest, Fingerprinted};
+use super::super::read::{Channel, Declarations, Message, RawChunk, Schema, free_id};
 use super::file::OutputFile;
 use super::piece::{ChunkBuilder, Piece};
 use super::records::{self, MessageHeader};
@@ -14,6 +15,13 @@ use crate::error::{Error, Result};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewChannel(u16);
 
+impl NewChannel {
+    /// Its id in the file.
+    pub fn id(self) -> u16 {
+        self.0
+    }
+}
+
 /// The contents of the output, a queue of pieces.
 pub struct Output {
     compression: Compression,
@@ -22,6 +30,14 @@ pub struct Output {
     declarations: Declarations,
     /// next sequence number of added channels
     sequences: BTreeMap<u16, u32>,
+    /// fingerprints of added messages, where nothing is written
+    digests: Option<BTreeMap<u16, ChannelDigest>>,
+    /// schemas (true) and channels in the order of their declaration
+    declared: Vec<(bool, u16)>,
+    /// per chunk that is one of the input, the number of messages written before it
+    copied_chunks: Vec<Option<u64>>,
+    /// messages written one by one
+    written: u64,
     open: ChunkBuilder,
     pieces: VecDeque<Piece>,
 }
@@ -36,15 +52,36 @@ impl Output {
         profile: &str,
         config: &OutputConfig,
     ) -> Result<(Self, OutputFile)> {
-        let output = Self {
+        Ok((Self::empty(config), OutputFile::create(target, profile)?))
+    }
+
+    /// An output that is not written: what remains of it are the fingerprints of added messages.
+    pub fn discarding(config: &OutputConfig) -> (Self, OutputFile) {
+        let output = Self { digests: Some(BTreeMap::new()), ..Self::empty(config) };
+        (output, OutputFile::discarding())
+    }
+
+    fn empty(config: &OutputConfig) -> Self {
+        Self {
             compression: config.compression,
             chunk_size: usize::try_from(config.chunk_size_mib << 20).unwrap_or(usize::MAX),
             declarations: Declarations::default(),
             sequences: BTreeMap::new(),
+            digests: None,
+            declared: Vec::new(),
+            copied_chunks: Vec::new(),
+            written: 0,
             open: ChunkBuilder::default(),
             pieces: VecDeque::new(),
-        };
-        Ok((output, OutputFile::create(target, profile)?))
+        }
+    }
+
+    /// Fingerprints of added messages by topic, one by one; empty where the output was written.
+    pub fn digests(self) -> BTreeMap<String, ChannelDigest> {
+        let channels = &self.declarations.channels;
+        let named =
+            |(id, digest): (u16, ChannelDigest)| Some((channels.get(&id)?.topic.clone(), digest));
+        self.digests.unwrap_or_default().into_iter().filter_map(named).collect()
     }
 
     /// Schemas and channels so far.
@@ -56,12 +93,14 @@ impl Output {
     pub fn copy_schema(&mut self, id: u16, schema: &Schema) {
         self.pieces.push_back(Piece::records(records::schema(id, schema)));
         self.declarations.schemas.insert(id, schema.clone());
+        self.declared.push((true, id));
     }
 
     /// Copies a channel with its id.
     pub fn copy_channel(&mut self, id: u16, channel: &Channel) {
         if self.declarations.channels.insert(id, channel.clone()).is_none() {
             self.pieces.push_back(Piece::records(records::channel(id, channel)));
+            self.declared.push((false, id));
         }
     }
 
@@ -102,6 +141,27 @@ impl Output {
         Ok(NewChannel(id))
     }
 
+    /// Schemas (true) and channels so far, in the order of their declaration.
+    pub fn declared(&self) -> &[(bool, u16)] {
+        &self.declared
+    }
+
+    /// Per chunk so far, if it is one of the input, the number of messages that were written one by
+    /// one before it; they may be in a later chunk.
+    pub fn copied_chunks(&self) -> &[Option<u64>] {
+        &self.copied_chunks
+    }
+
+    /// A declared channel as one that messages are added to.
+    pub fn added_channel(&self, id: u16) -> Option<NewChannel> {
+        self.declarations.channels.contains_key(&id).then_some(NewChannel(id))
+    }
+
+    /// Sequence number of the next message of an added channel.
+    pub fn next_sequence(&self, channel: NewChannel) -> u32 {
+        self.sequences.get(&channel.0).copied().unwrap_or_default()
+    }
+
     /// Whether a chunk of the input has the configured compression, so that it can be copied.
     pub fn can_copy(compression: Compression, chunk: &RawChunk) -> bool {
         match compression {
@@ -118,6 +178,7 @@ impl Output {
         if self.open.holds_input {
             self.flush();
         }
+        self.copied_chunks.push(Some(self.written));
         self.pieces.push_back(Piece::copied(chunk));
     }
 
@@ -138,10 +199,14 @@ impl Output {
         let next = self.sequences.entry(channel.0).or_default();
         let header = MessageHeader { channel: channel.0, sequence: *next, log_time, publish_time };
         *next = next.wrapping_add(1);
-        self.push(&header, data);
+        let Some(digests) = &mut self.digests else { return self.push(&header, data) };
+        let digest = digests.entry(channel.0).or_insert_with(|| ChannelDigest::of_groups(1));
+        let sequence = header.sequence;
+        digest.add(Fingerprinted { sequence, log_time, publish_time, data });
     }
 
     fn push(&mut self, header: &MessageHeader, data: &[u8]) {
+        self.written += 1;
         self.open.push(header, data);
         if self.open.len() >= self.chunk_size {
             self.flush();
@@ -152,6 +217,7 @@ impl Output {
     pub fn flush(&mut self) {
         let chunk = std::mem::take(&mut self.open);
         if !chunk.is_empty() {
+            self.copied_chunks.push(None);
             self.pieces.push_back(Piece::new_chunk(chunk, self.compression));
         }
     }
@@ -160,10 +226,4 @@ impl Output {
     pub fn next_piece(&mut self) -> Option<Piece> {
         self.pieces.pop_front()
     }
-}
-
-/// An unused id: after the last one, else in a gap. 0 means no schema.
-fn free_id<T>(used: &BTreeMap<u16, T>) -> Option<u16> {
-    let next = used.last_key_value().map_or(Some(1), |(last, _)| last.checked_add(1));
-    next.or_else(|| (1..=u16::MAX).find(|id| !used.contains_key(id)))
 }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use super::super::camera_output::CameraOutput;
 use crate::config::Config;
 use crate::diagnostics::{Diagnostic, LogFact};
-use crate::recording::{Channel, Output, Recording, Window};
+use crate::recording::{Block, Channel, Output, Recording, Window};
+use crate::session::Shard;
 
 /// The input of pass two.
 pub struct Input<'p> {
@@ -13,6 +14,8 @@ pub struct Input<'p> {
     pub recording: &'p Recording,
     /// the segment that is written
     pub window: Window,
+    /// the part of the log that is written; all of it where `None`
+    pub shard: Option<Shard>,
     /// the settings
     pub config: &'p Config,
     /// the cameras that are corrected
@@ -40,7 +43,14 @@ impl<'p> Input<'p> {
             (*id, is_wanted && !is_raw(id))
         };
         let kept = recording.channels.iter().map(is_kept).collect();
-        Some(Self { recording, window, config, cameras, kept })
+        Some(Self { recording, window, shard: None, config, cameras, kept })
+    }
+
+    /// The blocks that are read.
+    pub fn blocks(&self) -> impl Iterator<Item = &'p Block> + '_ {
+        let blocks = self.recording.blocks();
+        let range = self.shard.map_or(0..blocks.len(), |shard| shard.range(blocks.len()));
+        blocks[range].iter().filter(|block| block.may_overlap(self.window))
     }
 
     /// Whether the messages of a channel are copied.

@@ -3,21 +3,23 @@
 mod attachments;
 mod blocks;
 mod input;
+mod record;
 mod tally;
 mod worker;
 
-use crate::diagnostics::Diagnostic;
+use crate::diagnostics::{Diagnostic, Reason};
 use crate::error::Result;
 use crate::parallel::{Job, Threads};
-use crate::recording::{Block, Output, OutputFile, Piece};
+use crate::recording::{Block, FrameId, NewChannel, Output, OutputFile, Piece};
 use crate::report::Report;
 use crate::session::{Progress, Step};
 
-use super::camera_output::FrameOutput;
+use super::camera_output::{CameraOutput, FrameOutput};
 use super::topics::{Channels, FrameContext};
 pub use blocks::FRAMES_PER_THREAD;
 use blocks::{CameraMessage, IN_FLIGHT, Item, Outcome, job};
 pub use input::Input;
+pub use record::{CameraRecord, SHARD_RECORD, ShardRecord};
 use tally::Tally;
 
 /// Bytes of chunks in flight before and after the work on frames, for each thread.
@@ -39,10 +41,14 @@ struct Account {
     channels: Channels,
     tally: Tally,
     report: Report,
+    /// its first frame, in the order of the file
+    first: Option<FrameId>,
+    /// notes about the first frame of a reason: their sequence numbers
+    reasons: Vec<(u32, Reason)>,
 }
 
-/// Writes the corrected log; returns a report for each camera. Cameras that are left out stand in
-/// the first one.
+/// Writes the corrected log; returns a report for each camera, and the output's contents. Cameras
+/// that are left out stand in the first one.
 ///
 /// # Errors
 /// Reading or writing failed.
@@ -52,9 +58,11 @@ pub fn pass_two(
     left_out: Vec<Diagnostic>,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<Vec<Report>> {
+) -> Result<(Vec<Report>, Output)> {
     let mut writer = Writer { input, out, accounts: Vec::new(), copied: 0, progress };
-    let diagnostics = writer.declare()?;
+    let mut diagnostics = writer.declare()?;
+    diagnostics.extend(left_out);
+    let declared = writer.out.declared().to_vec();
     let frames = input.cameras.iter().map(|c| c.session.survey.frames.len()).sum();
     progress.begin(Step::Correct, frames);
     // Three stages, each parallel and in order: blocks are read, frames are corrected, pieces of
@@ -64,7 +72,7 @@ pub fn pass_two(
     let pack = |piece: Piece| Ok(piece.into_bytes());
     let chunks = threads.count() * CHUNKS_PER_THREAD;
     threads.scope(|scope| {
-        let blocks = input.recording.blocks().iter().filter(|b| b.may_overlap(input.window));
+        let blocks = input.blocks();
         // Two at least, however large: one is read while the other is worked on.
         let blocks = blocks.map(|block| (block.memory_bytes().min(chunks / 2), Job::Work(block)));
         let items = scope
@@ -82,7 +90,7 @@ pub fn pass_two(
         scope.in_order(pieces, chunks, &pack).try_for_each(|piece| file.put(piece?))
     })?;
     progress.end();
-    writer.finish(file, diagnostics, left_out)
+    writer.finish(file, declared, diagnostics)
 }
 
 impl Writer<'_> {
@@ -93,6 +101,8 @@ impl Writer<'_> {
                 channels: Channels::declare(camera, &mut self.out)?,
                 tally: Tally::default(),
                 report: camera.new_report(),
+                first: camera.session.survey.frames.iter().map(|frame| frame.id).min(),
+                reasons: Vec::new(),
             });
         }
         Ok(diagnostics)
@@ -139,15 +149,20 @@ impl Writer<'_> {
             self.out.copy_message(&frame.message);
             self.copied += 1;
         }
-        let Account { channels, tally, report } = &mut self.accounts[camera];
+        let Account { channels, tally, report, first, reasons } = &mut self.accounts[camera];
         tally.count(frame);
         let context = FrameContext {
             camera: &self.input.cameras[camera],
             output: frame,
-            is_first: report.frames == 0,
+            is_first: Some(frame.message.id) == *first,
             is_first_of_reason: frame.result.as_ref().is_err_and(|r| tally.frames_of(r) == 1),
         };
         report.messages_added += channels.write(&context, &mut self.out);
+        if let (Err(reason), true, Some(log)) =
+            (&frame.result, context.is_first_of_reason, channels.log())
+        {
+            reasons.push((self.out.next_sequence(log).saturating_sub(1), reason.clone()));
+        }
         report.frames += 1;
         self.progress.advance(1);
     }
@@ -155,23 +170,41 @@ impl Writer<'_> {
     fn finish(
         self,
         file: OutputFile,
+        declared: Vec<(bool, u16)>,
         diagnostics: Vec<Diagnostic>,
-        left_out: Vec<Diagnostic>,
-    ) -> Result<Vec<Report>> {
-        let finished = |Account { tally, mut report, .. }: Account| {
-            tally.into_report(&mut report);
-            report
+    ) -> Result<(Vec<Report>, Output)> {
+        let cameras = self.accounts.into_iter().zip(&self.input.cameras);
+        let record = |(account, camera): (Account, &CameraOutput<'_>)| {
+            let channels = account.channels.all().map(NewChannel::id).collect();
+            CameraRecord {
+                name: camera.name.clone(),
+                report: account.report,
+                tally: account.tally,
+                diagnostics: Vec::new(),
+                damage: Vec::new(),
+                channels,
+                log_channel: account.channels.log().map_or(0, NewChannel::id),
+                reasons: account.reasons,
+            }
         };
-        let mut reports: Vec<Report> = self.accounts.into_iter().map(finished).collect();
-        if let (Some(report), Some(camera)) = (reports.first_mut(), self.input.cameras.first()) {
+        let mut cameras: Vec<CameraRecord> = cameras.map(record).collect();
+        if let (Some(first), Some(camera)) = (cameras.first_mut(), self.input.cameras.first()) {
             // Facts of the log as a whole are those of the first camera.
             let index = &camera.session.index;
-            report.messages_copied = self.copied;
-            report.diagnostics.extend(diagnostics);
-            report.damage = index.damage.iter().cloned().chain(index.undeclared_damage()).collect();
-            report.diagnostics.extend(left_out);
+            first.diagnostics = diagnostics;
+            first.damage = index.damage.iter().cloned().chain(index.undeclared_damage()).collect();
         }
-        attachments::finish(self.input, &self.out, file, &mut reports)?;
-        Ok(reports)
+        let shard = self.input.shard.map(|shard| ShardRecord {
+            shard,
+            declared,
+            copied_chunks: self.out.copied_chunks().to_vec(),
+            copied: self.copied,
+            cameras: cameras.clone(),
+        });
+        let copied = |n: usize| (n == 0).then_some(self.copied);
+        let reports = cameras.into_iter().enumerate().map(|(n, c)| c.into_report(copied(n)));
+        let mut reports: Vec<Report> = reports.collect();
+        attachments::finish(self.input, (&self.out, shard), file, &mut reports)?;
+        Ok((reports, self.out))
     }
 }

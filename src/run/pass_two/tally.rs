@@ -2,19 +2,25 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use super::super::camera_output::{FrameOutput, ImageMessages};
 use crate::diagnostics::{Diagnostic, Reason, Uncorrected};
 use crate::report::Report;
 
 /// Running counts over the frames.
-#[derive(Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Tally {
-    pub corrected: usize,
+    corrected: usize,
     uncorrected: Vec<Uncorrected>,
     planes: BTreeMap<String, usize>,
     altitude: Option<[f64; 2]>,
-    shares: BTreeMap<&'static str, f64>,
+    /// sums in units of [`SHARE_UNIT`]: whole numbers, so that the order of adding does not matter
+    shares: BTreeMap<String, u64>,
 }
+
+/// Shares are added in steps of this.
+const SHARE_UNIT: f64 = 1.0 / (1_u64 << 40) as f64;
 
 impl Tally {
     pub fn count(&mut self, frame: &FrameOutput) {
@@ -39,7 +45,8 @@ impl Tally {
                     ("low_signal", f.low_signal_share),
                     ("restored_highlights", f.restored_share),
                 ] {
-                    *self.shares.entry(name).or_default() += share;
+                    *self.shares.entry(name.into()).or_default() +=
+                        (share / SHARE_UNIT).round() as u64;
                 }
             }
         }
@@ -48,6 +55,26 @@ impl Tally {
     /// Frames so far that were not corrected for this reason.
     pub fn frames_of(&self, reason: &Reason) -> usize {
         self.uncorrected.iter().find(|u| u.reason == *reason).map_or(0, |u| u.frames)
+    }
+
+    /// Adds the frames that follow.
+    pub fn append(&mut self, next: &Self) {
+        self.corrected += next.corrected;
+        for found in &next.uncorrected {
+            match self.uncorrected.iter_mut().find(|u| u.reason == found.reason) {
+                Some(known) => known.frames += found.frames,
+                None => self.uncorrected.push(found.clone()),
+            }
+        }
+        for (word, planes) in &next.planes {
+            *self.planes.entry(word.clone()).or_default() += planes;
+        }
+        let both = self.altitude.zip(next.altitude);
+        let both = both.map(|([a, b], [c, d])| [a.min(c), b.max(d)]);
+        self.altitude = both.or(self.altitude).or(next.altitude);
+        for (name, share) in &next.shares {
+            *self.shares.entry(name.clone()).or_default() += share;
+        }
     }
 
     pub fn into_report(self, report: &mut Report) {
@@ -60,7 +87,7 @@ impl Tally {
         report.mean_shares = self
             .shares
             .into_iter()
-            .map(|(k, v)| (k.into(), v / self.corrected.max(1) as f64))
+            .map(|(k, v)| (k, v as f64 * SHARE_UNIT / self.corrected.max(1) as f64))
             .collect();
     }
 }

@@ -61,6 +61,16 @@ impl Channels {
         Ok(Self(channels))
     }
 
+    /// All of them.
+    pub fn all(&self) -> impl Iterator<Item = NewChannel> {
+        self.0.values().copied()
+    }
+
+    /// The one of the notes.
+    pub fn log(&self) -> Option<NewChannel> {
+        self.0.get(&frame_facts::LOG.rank).copied()
+    }
+
     /// Writes the messages of a frame; returns their number.
     pub fn write(&self, frame: &FrameContext<'_>, out: &mut Output) -> u64 {
         let (log_time, publish_time) =

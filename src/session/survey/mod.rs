@@ -204,7 +204,7 @@ impl Survey {
 /// No camera, several cameras, no ranges, no calibration, no mount.
 pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let rig_file = &options.rig;
-    let mut diagnostics = Vec::new();
+    let mut diagnostics = log.recording.parts_diagnostics();
     let camera = CameraSurvey::new(log, options, &mut diagnostics)?;
     let ranges = RangeSurvey::new(log, options, &mut diagnostics)?;
     camera.check(log, &mut diagnostics);
