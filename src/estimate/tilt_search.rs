@@ -95,8 +95,8 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
     best
 }
 
-/// Samples without backscatter over level planes: like a tilt it changes the light with altitude and
-/// across the image.
+/// Samples without backscatter over level planes: like a tilt it changes the light with altitude
+/// and across the image.
 fn without_backscatter(
     data: &Dataset<'_>,
     config: &EstimateConfig,
