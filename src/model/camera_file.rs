@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::image::Bands;
+use crate::image::flat_field::FlatField;
+use crate::image::response::ResponseTable;
+use crate::vehicle::Camera;
 
 /// The camera, as far as it differs from one with fixed gain, an even lens and the transfer curve
 /// that its encoding implies.
@@ -127,6 +130,28 @@ pub struct TiltFile {
 }
 
 impl CameraFile {
+    /// The vignetting as a flat field for a camera's images.
+    pub fn lens(&self, camera: &Camera) -> Option<FlatField> {
+        let vignetting = self.vignetting.as_ref()?;
+        Some(FlatField::from_fn(camera.width, camera.height, |u, v| {
+            camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.transmission(x, y))
+        }))
+    }
+
+    /// The black level per band.
+    pub fn dark(&self) -> Option<Bands> {
+        let level = self.black_level.as_ref().filter(|level| !level.is_empty())?;
+        Some(std::array::from_fn(|b| level[b.min(level.len() - 1)]))
+    }
+
+    /// The transfer curve.
+    ///
+    /// # Errors
+    /// A sentence: it is no curve.
+    pub fn response_table(&self) -> Result<Option<ResponseTable>, String> {
+        self.response.as_ref().map(|r| ResponseTable::new(r.points.clone())).transpose()
+    }
+
     /// In one line, for people.
     pub fn summary(&self) -> String {
         let mut parts = Vec::new();

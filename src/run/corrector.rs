@@ -108,7 +108,7 @@ impl<'c> Corrector<'c> {
 }
 
 /// The mean gain of the bands, and each band's own over that.
-fn gain_and_balance(gains: Bands) -> (f64, Bands) {
+pub fn gain_and_balance(gains: Bands) -> (f64, Bands) {
     if gains[0] == gains[1] && gains[1] == gains[2] {
         return (gains[0], [1.0; 3]);
     }

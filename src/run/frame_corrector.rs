@@ -6,22 +6,25 @@ use crate::error::{Error, Result};
 use crate::geometry::{SeafloorPlane, View};
 use crate::image::EncodedImage;
 use crate::image::decode::{CameraResponse, read_pixels};
+use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
+use crate::image::response::ResponseTable;
 use crate::image::transfer::{Shoulder, SrgbTable};
-use crate::model::{ImagingModel, ModelFile, RenderingFile};
+use crate::model::{CameraFile, ImagingModel, ModelFile, RenderingFile};
 use crate::units::Stamp;
 use crate::vehicle::{Camera, Rig};
 
-use super::corrector::{CorrectedFrame, render};
+use super::corrector::{CorrectedFrame, gain_and_balance, render};
 use super::model_of::strobe_of;
 use super::output_names::method_name;
 use super::prepared_model::{PreparedModel, Rendering, Sensor};
 
 /// Corrects single frames with a given model; needs no log.
 ///
-/// Pixels are converted to light by the settings of `light`, without a response table or flat
-/// field. The gains of single frames and the recorded exposures in a `model.json` belong to the
-/// frames of its log and are not applied.
+/// Pixels are converted to light by the settings of `light`, and by what a `model.json` found of its
+/// camera: transfer curve, vignetting, black level, and the law by which it sets its gain. The gains
+/// of single frames, their tilts and the recorded exposures in it belong to the frames of its log
+/// and are not applied.
 pub struct FrameCorrector {
     model: PreparedModel,
     exposure: RenderingFile,
@@ -29,6 +32,9 @@ pub struct FrameCorrector {
     config: Config,
     means: MeanFrames,
     srgb: SrgbTable,
+    camera: CameraFile,
+    response: Option<ResponseTable>,
+    flat_field: Option<FlatField>,
 }
 
 impl FrameCorrector {
@@ -40,7 +46,18 @@ impl FrameCorrector {
     pub fn from_file(file: &ModelFile, rig: Rig, config: Config) -> Result<Self> {
         let model = file.imaging_model().map_err(Error::Usage)?;
         let rig = Rig { strobe: strobe_of(file, &rig), ..rig };
-        Self::new(model, file.rendering.clone(), rig, config)
+        let corrector = Self::new(model, file.rendering.clone(), rig, config)?;
+        let Some(camera) = file.camera.clone() else { return Ok(corrector) };
+        let size = (corrector.rig.camera.width, corrector.rig.camera.height);
+        let lens = camera.lens(&corrector.rig.camera);
+        let flat_field = match camera.dark() {
+            Some(dark) => {
+                Some(lens.unwrap_or_else(|| FlatField::even(size.0, size.1)).with_dark(dark))
+            }
+            None => lens,
+        };
+        let response = camera.response_table().map_err(Error::Usage)?;
+        Ok(Self { camera, response, flat_field, ..corrector })
     }
 
     /// From a model, its exposure and white balance, and the rig.
@@ -72,6 +89,9 @@ impl FrameCorrector {
                 model: PreparedModel::new(model),
                 srgb: SrgbTable::new(Shoulder { knee: config.render.shoulder_from }),
                 means: MeanFrames::default(),
+                camera: CameraFile::default(),
+                response: None,
+                flat_field: None,
                 exposure,
                 rig,
                 config,
@@ -98,13 +118,19 @@ impl FrameCorrector {
     ) -> Result<CorrectedFrame> {
         let Config { light, render: config, estimate, .. } = &self.config;
         let white_level = light.white_level.or(self.exposure.white_level);
-        let response = CameraResponse { transfer: light.transfer, white_level, response: None };
+        let table = self.response.as_ref();
+        let response = CameraResponse { transfer: light.transfer, white_level, response: table };
         let pixels = read_pixels(image, response).map_err(Error::Image)?;
         let (width, height) = (pixels.width, pixels.height);
         let camera = self.rig.camera.scaled_to(width, height).ok_or_else(|| {
             let Rig { camera: Camera { width: w, height: h, .. }, .. } = self.rig;
             Error::Image(format!("the image is {width}×{height}, the calibration of {w}×{h}"))
         })?;
+        let flat_field = self.flat_field.as_ref().map(|f| f.for_size(width, height)).transpose();
+        let flat_field = flat_field.map_err(Error::Image)?;
+        let law = self.camera.gain_law.as_ref();
+        let gains = law.map_or([1.0; 3], |l| l.log_gains(&pixels.mean_light()).map(f64::exp));
+        let (gain, balance) = gain_and_balance(gains);
         let rendering = Rendering { config, exposure: &self.exposure, means: &self.means };
         let sensor =
             Sensor { clipped_above: estimate.clipped_above, electrons: Electrons::default() };
@@ -113,10 +139,10 @@ impl FrameCorrector {
         let rectified = config.rectify.then(|| camera.rectified());
         let raw = correct::Frame {
             codes: &pixels,
-            flat_field: None,
+            flat_field: flat_field.as_deref(),
             view: &View { camera: &camera, rig: &self.rig, plane, terrain: None },
-            gain: 1.0,
-            balance: [1.0; 3],
+            gain,
+            balance,
             range_factor: 1.0,
             noise: &Noise::of(&pixels.coding, response, sensor.electrons),
             rectified: rectified.as_ref(),

@@ -138,18 +138,12 @@ impl Survey {
     pub fn take_camera(&mut self, found: &CameraFile) -> Result<()> {
         self.take_response(found)?;
         let [has_vignetting, has_dark] = self.flat_field_given;
-        let dark = found.black_level.as_ref().filter(|_| !has_dark).map(|level| {
-            std::array::from_fn(|b| level.get(b.min(level.len() - 1)).copied().unwrap_or(0.0))
-        });
         let (width, height) = self.image_size;
-        if let (Some(vignetting), Some(camera), false) =
-            (&found.vignetting, self.rig.camera.scaled_to(width, height), has_vignetting)
-        {
-            self.flat_field = Some(FlatField::from_fn(width, height, |u, v| {
-                camera.image_plane(u, v).map_or(1.0, |(x, y)| vignetting.transmission(x, y))
-            }));
+        let camera = self.rig.camera.scaled_to(width, height).filter(|_| !has_vignetting);
+        if let Some(lens) = camera.and_then(|camera| found.lens(&camera)) {
+            self.flat_field = Some(lens);
         }
-        if let Some(dark) = dark {
+        if let Some(dark) = found.dark().filter(|_| !has_dark) {
             let field = self.flat_field.take();
             let field = field.unwrap_or_else(|| FlatField::even(width, height));
             self.flat_field = Some(field.with_dark(dark));
@@ -164,8 +158,7 @@ impl Survey {
     pub fn take_response(&mut self, found: &CameraFile) -> Result<()> {
         let is_given = self.transfer == TransferKnown::Surely;
         if let Some(response) = found.response.as_ref().filter(|_| !is_given) {
-            let table = ResponseTable::new(response.points.clone());
-            self.response = Some(table.map_err(Error::Usage)?);
+            self.response = found.response_table().map_err(Error::Usage)?;
             let is_fitted = response.transfer == "fitted";
             self.transfer = if is_fitted { TransferKnown::Fitted } else { TransferKnown::Named };
         }
