@@ -270,7 +270,7 @@ mod tests {
             assert_eq!(names.join(" | "), setting.unit, "{}", setting.key);
             checked += 1;
         }
-        assert_eq!(checked, 10);
+        assert_eq!(checked, 11);
         assert_eq!(Switch::value_variants().len(), 3);
     }
 }
