@@ -21,10 +21,10 @@ use super::prepared_model::{PreparedModel, Rendering, Sensor};
 
 /// Corrects single frames with a given model; needs no log.
 ///
-/// Pixels are converted to light by the settings of `light`, and by what a `model.json` found of its
-/// camera: transfer curve, vignetting, black level, and the law by which it sets its gain. The gains
-/// of single frames, their tilts and the recorded exposures in it belong to the frames of its log
-/// and are not applied.
+/// Pixels are converted to light by the settings of `light`, and by what a `model.json` found of
+/// its camera: transfer curve, vignetting, black level, and the law by which it sets its gain. The
+/// gains of single frames, their tilts and the recorded exposures in it belong to the frames of its
+/// log and are not applied.
 pub struct FrameCorrector {
     model: PreparedModel,
     exposure: RenderingFile,
