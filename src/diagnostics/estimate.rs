@@ -34,6 +34,12 @@ facts! {
                   held-out frames it is better than attenuation and beam pattern"),
             remedy("its numbers are no properties of the water; overlap at several altitudes and \
                     measured mounts let attenuation be determined");
+        Warning "daylight-of-other-logs" DaylightOfOtherLogs,
+            text("the model has the daylight of other logs; it is used here too"),
+            remedy("daylight depends on depth, hour and clouds: estimate from this log");
+        Info "tilts-of-other-logs" TiltsOfOtherLogs,
+            text("tilts in the model are of other logs and not used: the seafloor is assumed level"),
+            remedy("estimate from this log");
         Info "tilts-found" TiltsFound { median_deg: f64, largest_deg: f64 },
             text("seafloor planes that were assumed level are tilted, as overlapping frames show: \
                   by {median_deg:.1}° in the median, {largest_deg:.1}° at most"),

@@ -4,6 +4,7 @@ use super::Dataset;
 use super::backscatter::{self, BackscatterFit};
 use super::daylight::{self, DaylightFit};
 use super::samples::FrameSamples;
+use crate::config::Switch;
 use crate::parallel::join;
 use crate::solver::{Setup, Track};
 
@@ -20,6 +21,10 @@ pub fn other_light(
         || seeks_daylight.then(|| daylight::find(data, setup, None)).flatten(),
     );
     match (scattered, daylight) {
+        // Backscatter that is not to be modelled takes nothing from daylight.
+        (Some(scattered), Some(day)) if setup.config.backscatter == Switch::Off => {
+            (Some(scattered), Some(day))
+        }
         (Some(scattered), Some(day)) if day.improvement < scattered.improvement => {
             let beside = daylight::find(data, setup, Some(&scattered));
             (Some(scattered), beside)

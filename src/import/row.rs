@@ -197,6 +197,9 @@ fn stamp_ns(text: &str, utc_offset_s: i64) -> Option<i64> {
     i64::try_from(since.as_nanos()).ok()?.checked_sub(offset_ns)
 }
 
+/// Seconds that nanoseconds of 64 bits hold.
+const MAX_SECONDS: f64 = 9.2e9;
+
 /// By its size, the number's unit; the digits after the point are kept.
 fn epoch_ns(text: &str, number: f64) -> Option<i64> {
     let digits: u32 = match number {
@@ -206,6 +209,12 @@ fn epoch_ns(text: &str, number: f64) -> Option<i64> {
         n if n >= 1e8 => 9,
         _ => return None,
     };
+    // Spreadsheets write large numbers in scientific notation, to few digits.
+    if text.contains(['e', 'E']) {
+        let seconds = number / 10_f64.powi(9 - digits as i32);
+        let is_sane = seconds.abs() < MAX_SECONDS;
+        return is_sane.then(|| (seconds * 1e9).round() as i64);
+    }
     let (whole, part) = text.trim().split_once('.').unwrap_or((text.trim(), ""));
     let part: String = part.chars().chain("000000000".chars()).take(digits as usize).collect();
     let part: i64 = if part.is_empty() { 0 } else { part.parse().ok()? };
@@ -253,6 +262,8 @@ mod tests {
             "1577934245500",
             "1577934245500000",
             "1577934245500000000",
+            "1.5779342455e+18",
+            "1.5779342455E9",
         ] {
             assert_eq!(stamp_ns(text, 0), Some(at), "{text}");
         }

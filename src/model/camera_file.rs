@@ -120,7 +120,7 @@ pub struct TiltsFile {
 /// The tilt of one frame's seafloor plane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TiltFile {
-    /// its time (ns)
+    /// its time as the camera stamped it, without any clock offset (ns)
     pub stamp_ns: i64,
     /// index of its log in `inputs`
     #[serde(default)]

@@ -17,7 +17,7 @@ use super::pass_one::PassOne;
 use super::pooled::Pooled;
 use crate::config::Estimator;
 use crate::correct::MeanFrames;
-use crate::diagnostics::{Diagnostic, EstimateFact, NoAnswer, NotIdentified};
+use crate::diagnostics::{Diagnostic, EstimateFact, Fact, NoAnswer, NotIdentified, RangeFact};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, Observation, Track, samples_for_model, tracks};
 use crate::image::Bands;
@@ -35,6 +35,8 @@ use crate::vehicle::{Lamps, Rig};
 const ROUNDS: usize = 10;
 /// Windows of frames for the standard deviation.
 const WINDOWS: usize = 12;
+/// Residual of this dive over that of the model's own, from which on the beam pattern does not fit.
+const MAX_RESIDUAL: f64 = 2.0;
 /// A larger standard deviation identifies nothing (1/m).
 const MAX_STD_PER_M: f64 = 0.05;
 
@@ -75,6 +77,12 @@ fn ensure_usable(shared: &ModelFile) -> Result<()> {
     let has_gains = |c: &CameraFile| c.gains.is_some() || c.gain_law.is_some();
     if shared.empirical.is_some() {
         return refused("an empirical model has no beam pattern; give a physical one");
+    }
+    if shared.daylight.is_some() {
+        return refused(
+            "in the dive of the model daylight lit the seafloor; how much there is here, a beam \
+             pattern does not say: estimate all, without it",
+        );
     }
     if shared.camera.as_ref().is_some_and(has_gains) {
         return refused(
@@ -129,7 +137,11 @@ fn of_samples(
     let frames = samples_for_model(frames, &log_gains, rig.body_from_optical, lamps, None);
     let white_level = first.survey.white_level;
     let rendering = exposure(&frames, &model, lamps, white_level, &options.config);
-    Ok(file_of(shared, (&model, found), rendering, inputs))
+    let has_equal_beams =
+        |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
+    let is_level = first.survey.diagnostics.iter().any(has_equal_beams);
+    let slope = is_level.then_some(NotIdentified::SlopeUnknown);
+    Ok(file_of(shared, (&model, found), rendering, inputs, slope))
 }
 
 /// The earlier model with another attenuation, without what is of its own dive.
@@ -138,6 +150,7 @@ fn file_of(
     (model, found): (&ImagingModel, Found),
     rendering: RenderingFile,
     inputs: Vec<InputFile>,
+    slope: Option<NotIdentified>,
 ) -> ModelFile {
     let of_bands = |values: &Bands| values[..model.bands].to_vec();
     let attenuation_per_m = of_bands(&model.attenuation_per_m);
@@ -168,23 +181,35 @@ fn file_of(
         inputs,
         ..shared.clone()
     };
-    let (diagnostics, not_identified) = judged(shared, &std_per_m);
-    file.with_diagnostics(diagnostics, not_identified)
+    let (diagnostics, not_identified) = judged(shared, &file.attenuation_per_m, &found);
+    file.with_diagnostics(diagnostics, not_identified.or(slope))
 }
 
 /// What the attenuation rests on, and whether it is identified.
-fn judged(shared: &ModelFile, std_per_m: &[f64]) -> (Vec<Diagnostic>, Option<NotIdentified>) {
+fn judged(
+    shared: &ModelFile,
+    attenuation_per_m: &[f64],
+    found: &Found,
+) -> (Vec<Diagnostic>, Option<NotIdentified>) {
     let logs: Vec<&str> = shared.inputs.iter().map(|input| input.name.as_str()).collect();
     let mut diagnostics: Vec<Diagnostic> =
         vec![EstimateFact::BeamFrom { logs: logs.join(", ") }.into()];
     if shared.backscatter.is_some() {
         diagnostics.push(EstimateFact::BackscatterOfOtherWater.into());
     }
-    let worst = std_per_m.iter().copied().fold(0.0, f64::max);
-    let not_identified = match shared.identified {
-        false => Some(NotIdentified::SharedBeam),
-        true if worst > MAX_STD_PER_M => Some(NotIdentified::Uncertain { std_per_m: worst }),
-        true => None,
+    let worst = found.std_per_m[..attenuation_per_m.len()].iter().copied().fold(0.0, f64::max);
+    let lowest = attenuation_per_m.iter().copied().fold(f64::INFINITY, f64::min);
+    // What the beam pattern does not explain here shows in the residual.
+    let usual = shared.estimators.get(&shared.estimator).and_then(|answer| answer.residual);
+    let is_misfit = usual.is_some_and(|usual| found.residual > MAX_RESIDUAL * usual);
+    let not_identified = if !shared.identified {
+        Some(NotIdentified::SharedBeam)
+    } else if lowest <= 0.0 {
+        Some(NotIdentified::NotPhysical { attenuation_per_m: lowest })
+    } else if is_misfit {
+        Some(NotIdentified::Misfit { systematic: found.residual })
+    } else {
+        (worst > MAX_STD_PER_M).then_some(NotIdentified::Uncertain { std_per_m: worst })
     };
     (diagnostics, not_identified)
 }

@@ -40,7 +40,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         return Err(Error::Usage("no log was given".into()));
     };
     let (first, config) = (*first, &options.config);
-    let Pooled { mut frames, pairs, inputs, settings, origins } = Pooled::new(logs)?;
+    let Pooled { mut frames, pairs, inputs, settings, origins, offsets_s } = Pooled::new(logs)?;
     let tracks = tracks(&frames, &pairs);
     frames.iter_mut().for_each(FrameSamples::drop_keypoints);
     drop(pairs);
@@ -80,7 +80,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
             .as_ref()
             .filter(|_| found.replaces_mounts)
             .map(|m| replaced(m, rig, first.survey.camera_offset_s)),
-        tilts: found.tilts.as_ref().map(|t| tilts_file(t, &origins, frames)),
+        tilts: found.tilts.as_ref().map(|t| tilts_file(t, (&origins, &offsets_s), frames)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
         daylight: found.daylight.as_ref().map(|d| d.file(bands)),
         camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
@@ -132,7 +132,8 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
         diagnostics.push(EstimateFact::TiltsFound { median_deg, largest_deg }.into());
     }
     if let Some(daylight) = &found.daylight {
-        let share = daylight.share.into_iter().fold(0.0, f64::max);
+        let bands = found.estimate.model.bands;
+        let share = daylight.share[..bands].iter().copied().fold(0.0, f64::max);
         diagnostics.push(EstimateFact::DaylightFound { share }.into());
     }
     if let Some(mounts) = &found.mounts {

@@ -20,6 +20,8 @@ pub struct Pooled {
     pub inputs: Vec<InputFile>,
     /// per setting of the first log: its value for every frame, NaN where unknown
     pub settings: Vec<Vec<f64>>,
+    /// per log: what is added to the stamps of its camera (s)
+    pub offsets_s: Vec<f64>,
     /// per frame: index of its log, and its identity there
     pub origins: Vec<(usize, Option<FrameId>)>,
 }
@@ -55,6 +57,7 @@ impl Pooled {
     ) -> Result<()> {
         let (log, offset) = (self.inputs.len(), self.frames.len());
         let survey = &session.survey;
+        self.offsets_s.push(survey.camera_offset_s);
         self.inputs.push(InputFile {
             name: session.file_name(),
             sha256: session.recording.sha256()?.into(),
@@ -80,12 +83,12 @@ impl Pooled {
 /// Tilts of the frames' planes, for `model.json`.
 pub fn tilts_file(
     found: &TiltFit,
-    origins: &[(usize, Option<FrameId>)],
+    (origins, offsets_s): (&[(usize, Option<FrameId>)], &[f64]),
     frames: &[FrameSamples],
 ) -> TiltsFile {
     let degrees = |tilt: &[f64; 2]| tilt.map(|t| (t.to_degrees() * 1e6).round() / 1e6);
     let of = |((input, _), (samples, tilt)): (&(usize, _), (&FrameSamples, &[f64; 2]))| TiltFile {
-        stamp_ns: samples.stamp.0,
+        stamp_ns: samples.stamp.plus_seconds(-offsets_s.get(*input).unwrap_or(&0.0)).0,
         input: *input,
         tilt_deg: degrees(tilt),
     };

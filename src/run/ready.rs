@@ -163,6 +163,9 @@ fn model_diagnostics(session: &CameraSession, model: &CameraModel) -> Result<Vec
         let frames = model.gains_of_other_logs();
         let unused = (frames > 0).then_some(EstimateFact::GainsOfOtherLogs { frames });
         diagnostics.extend(unused.map(Diagnostic::from));
+        let daylight = model.file.daylight.as_ref().map(|_| EstimateFact::DaylightOfOtherLogs);
+        let tilts = model.file.tilts.as_ref().map(|_| EstimateFact::TiltsOfOtherLogs);
+        diagnostics.extend(daylight.into_iter().chain(tilts).map(Diagnostic::from));
         let offset_s = model.file.geometry.as_ref().and_then(|g| g.clock_offset_s);
         let topic = &session.survey.camera_topic;
         let clock = |time_offset_s| ClockFact::OfOtherLogs { time_offset_s };

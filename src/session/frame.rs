@@ -127,10 +127,12 @@ impl CameraSession {
     /// # Errors
     /// No ping near enough, no return, or an implausible plane.
     pub fn seafloor(&self, stamp: Stamp) -> Result<SeafloorPlane, NoSeafloor> {
-        let Survey { pings, rig, tilts, .. } = &self.survey;
+        let Survey { pings, rig, tilts, camera_offset_s, .. } = &self.survey;
         let plane = pings.seafloor(stamp, rig, &self.config.seafloor)?;
         let tilt = tilts.as_ref().filter(|_| plane.support == Support::AssumedLevel);
-        Ok(tilt.map_or(plane, |tilts| plane.tilted(rig, tilts.at(stamp))))
+        Ok(tilt.map_or(plane, |tilts| {
+            plane.tilted(rig, tilts.at(stamp.plus_seconds(-camera_offset_s)))
+        }))
     }
 
     /// Number of frames with a seafloor below them.

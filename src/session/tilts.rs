@@ -5,6 +5,9 @@ use std::collections::BTreeMap;
 use crate::model::{ModelFile, TiltFile};
 use crate::units::Stamp;
 
+/// Stamps that are rounded in other ways are the same (ns).
+const SAME_NS: i64 = 1000;
+
 /// Tilts about the camera's x and y axes (rad).
 #[derive(Clone, Debug)]
 pub struct Tilts {
@@ -28,8 +31,9 @@ impl Tilts {
         (!by_stamp.is_empty()).then(|| Self { by_stamp, median: radians(tilts.median_deg) })
     }
 
-    /// The tilt at a frame's time.
-    pub fn at(&self, stamp: Stamp) -> [f64; 2] {
-        self.by_stamp.get(&stamp).copied().unwrap_or(self.median)
+    /// The tilt of the frame that the camera stamped at this time.
+    pub fn at(&self, recorded: Stamp) -> [f64; 2] {
+        let near = Stamp(recorded.0 - SAME_NS)..=Stamp(recorded.0 + SAME_NS);
+        self.by_stamp.range(near).next().map_or(self.median, |(_, tilt)| *tilt)
     }
 }

@@ -94,6 +94,7 @@ pub fn export(
             missing.join(", ")
         )));
     }
+    remove_lists(folder)?;
     let stills = write_stills(&record, log, &places, folder, progress)?;
     write_lists(&record, &stills, folder)?;
     if missing.is_empty() {
@@ -156,6 +157,31 @@ fn write_stills<'l>(
     }
     progress.end();
     Ok(stills)
+}
+
+/// Lists that an export may or may not have: those of an earlier one in the same folder would stay.
+const LISTS: [&str; 9] = [
+    "ifdo.json",
+    "images.csv",
+    "squidle.csv",
+    "reference.csv",
+    "geo.txt",
+    "track.geojson",
+    "colmap/cameras.txt",
+    "colmap/images.txt",
+    "colmap/points3D.txt",
+];
+
+fn remove_lists(folder: &Path) -> Result<()> {
+    for path in LISTS.map(|name| folder.join(name)) {
+        match std::fs::remove_file(&path) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                return Err(Error::Write { path, source });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Writes model, report and the lists for other programs.

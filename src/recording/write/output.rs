@@ -1,6 +1,6 @@
 //! The order of the output's pieces, with its schemas and channels.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 
 use super::super::digest::{ChannelDigest, Fingerprinted};
@@ -28,6 +28,8 @@ pub struct Output {
     /// uncompressed (byte)
     chunk_size: usize,
     declarations: Declarations,
+    /// channel ids of the input, also of channels that are left out: they may still be copied
+    reserved: BTreeSet<u16>,
     /// next sequence number of added channels
     sequences: BTreeMap<u16, u32>,
     /// fingerprints of added messages, where nothing is written
@@ -66,6 +68,7 @@ impl Output {
             compression: config.compression,
             chunk_size: usize::try_from(config.chunk_size_mib << 20).unwrap_or(usize::MAX),
             declarations: Declarations::default(),
+            reserved: BTreeSet::new(),
             sequences: BTreeMap::new(),
             digests: None,
             declared: Vec::new(),
@@ -94,6 +97,11 @@ impl Output {
         self.pieces.push_back(Piece::records(records::schema(id, schema)));
         self.declarations.schemas.insert(id, schema.clone());
         self.declared.push((true, id));
+    }
+
+    /// Keeps these ids from added channels.
+    pub fn reserve_channels(&mut self, ids: impl Iterator<Item = u16>) {
+        self.reserved.extend(ids);
     }
 
     /// Copies a channel with its id.
@@ -128,7 +136,9 @@ impl Output {
                 id
             }
         };
-        let id = free_id(&self.declarations.channels).ok_or_else(|| full("channels"))?;
+        let used = self.declarations.channels.keys().chain(&self.reserved);
+        let used: BTreeMap<u16, ()> = used.map(|id| (*id, ())).collect();
+        let id = free_id(&used).ok_or_else(|| full("channels"))?;
         self.copy_channel(
             id,
             &Channel {
@@ -225,5 +235,30 @@ impl Output {
     /// The next complete piece.
     pub fn next_piece(&mut self) -> Option<Piece> {
         self.pieces.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A channel that is left out may still be copied, for a frame without a corrected version.
+    #[test]
+    fn added_channels_take_no_id_of_the_input() {
+        let (mut out, _) = Output::discarding(&OutputConfig::default());
+        let channel = |topic: &str| Channel {
+            schema_id: 0,
+            topic: topic.into(),
+            message_encoding: "json".into(),
+            metadata: BTreeMap::new(),
+        };
+        out.reserve_channels([1, 2, 3].into_iter());
+        out.copy_channel(1, &channel("/imu"));
+        let schema = Schema { name: "S".into(), encoding: "jsonschema".into(), data: Vec::new() };
+        let added = out.add_channel("/unwater/frame", "json", &schema).expect("a channel");
+        assert!(added.id() > 3);
+        out.copy_channel(3, &channel("/camera"));
+        let topic = |id: u16| out.declarations().channels[&id].topic.clone();
+        assert_eq!((topic(3), topic(added.id())), ("/camera".into(), "/unwater/frame".into()));
     }
 }

@@ -73,6 +73,7 @@ impl<'p> Input<'p> {
         for (id, schema) in &self.recording.schemas {
             out.copy_schema(*id, schema);
         }
+        out.reserve_channels(self.recording.channels.keys().copied());
         let mut diagnostics = Vec::new();
         for (id, channel) in self.recording.channels.iter().filter(|(id, _)| self.is_kept(**id)) {
             let schema_id = channel.schema_id;
