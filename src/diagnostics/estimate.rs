@@ -38,7 +38,7 @@ facts! {
             text("the model has the daylight of other logs; it is used here too"),
             remedy("daylight depends on depth, hour and clouds: estimate from this log");
         Info "tilts-of-other-logs" TiltsOfOtherLogs,
-            text("tilts in the model are of other logs and not used: the seafloor is assumed level"),
+            text("tilts in the model are of other logs and not used: seafloor is assumed level"),
             remedy("estimate from this log");
         Info "tilts-found" TiltsFound { median_deg: f64, largest_deg: f64 },
             text("seafloor planes that were assumed level are tilted, as overlapping frames show: \
