@@ -124,17 +124,23 @@ pub fn estimate_model(
     let mut raw = Samples { frames, tracks };
     let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
-    let tilts = {
+    let mut explained = given.explained(samples.clone(), None);
+    let mut tilts = {
         let mut samples = raw.clone();
         samples.follow(&followed, settings);
         tilt_search::find(&samples.data(mounts, mounts.lamps, None), mounts, config)
     };
-    if let Some(tilts) = &tilts {
-        let (frames, tracks) = tilts.applied_to(&raw.frames, &raw.tracks, mounts);
-        raw = Samples { frames, tracks };
-        (samples, log_gains) = given.followed(&raw, &followed, settings);
+    if let Some(found) = tilts.take() {
+        let (frames, tracks) = found.applied_to(&raw.frames, &raw.tracks, mounts);
+        let tilted = Samples { frames, tracks };
+        let (of_tilted, gains) = given.followed(&tilted, &followed, settings);
+        let explanation = given.explained(of_tilted.clone(), None);
+        // Beside backscatter, daylight and the strobe's position they may not be needed.
+        if given.cost(&explanation) < given.cost(&explained) {
+            (raw, samples, log_gains, explained) = (tilted, of_tilted, gains, explanation);
+            tilts = Some(found);
+        }
     }
-    let mut explained = given.explained(samples.clone(), None);
     let (mut reported, mut plain) = (None, None);
     if config.self_calibration != SelfCalibration::Off && config.estimator.may_be_joint() {
         let mut calibrated = given.calibrated(&samples, &explained);
