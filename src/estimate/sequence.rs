@@ -1,10 +1,9 @@
 //! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter and
 //! daylight, the camera, then the estimators.
 //!
-//! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual. So the
-//! log is first explained without faults of the camera; where that leaves uneven gains, faults of
-//! the camera compete with it by their cost (`self_calibration`), and the cheaper explanation is
-//! taken.
+//! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual: the log
+//! is explained without faults of the camera; where that leaves uneven gains, they compete with it
+//! by their cost (`self_calibration`), and the cheaper explanation is taken.
 
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
@@ -16,6 +15,7 @@ use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
+use super::tilt_search::TiltFit;
 use super::{
     Dataset, FollowedSetting, ModelEstimate, Mounts, drift, estimate, exposure, frame_gains,
     tilt_search,
@@ -125,22 +125,11 @@ pub fn estimate_model(
     let mut followed = exposure::followed(&raw.frames, &raw.tracks, settings);
     let (mut samples, mut log_gains) = given.followed(&raw, &followed, settings);
     let mut explained = given.explained(samples.clone(), None);
-    let mut tilts = {
-        let mut samples = raw.clone();
-        samples.follow(&followed, settings);
-        tilt_search::find(&samples.data(mounts, mounts.lamps, None), mounts, config)
-    };
-    if let Some(found) = tilts.take() {
-        let (frames, tracks) = found.applied_to(&raw.frames, &raw.tracks, mounts);
-        let tilted = Samples { frames, tracks };
-        let (of_tilted, gains) = given.followed(&tilted, &followed, settings);
-        let explanation = given.explained(of_tilted.clone(), None);
-        // Beside backscatter, daylight and the strobe's position they may not be needed.
-        if given.cost(&explanation) < given.cost(&explained) {
-            (raw, samples, log_gains, explained) = (tilted, of_tilted, gains, explanation);
-            tilts = Some(found);
-        }
-    }
+    let tilted = given.tilted(&raw, (&followed, settings), &explained);
+    let tilts = tilted.map(|(found, over_tilted)| {
+        (raw, samples, log_gains, explained) = over_tilted;
+        found
+    });
     let (mut reported, mut plain) = (None, None);
     if config.self_calibration != SelfCalibration::Off && config.estimator.may_be_joint() {
         let mut calibrated = given.calibrated(&samples, &explained);
@@ -212,6 +201,27 @@ impl Given<'_> {
             samples.remove_gains(&uniform(&log_gains));
         }
         (samples, log_gains)
+    }
+
+    /// Tilts of planes that are assumed level, and all over tilted planes, if that is cheaper.
+    fn tilted(
+        &self,
+        raw: &Samples,
+        (followed, settings): (&[FollowedSetting], &[Vec<f64>]),
+        level: &Explanation,
+    ) -> Option<(TiltFit, (Samples, Samples, Vec<f64>, Explanation))> {
+        let Self { mounts, config } = *self;
+        let mut samples = raw.clone();
+        samples.follow(followed, settings);
+        let data = samples.data(mounts, mounts.lamps, None);
+        let found = tilt_search::find(&data, mounts, config)?;
+        let (frames, tracks) = found.applied_to(&raw.frames, &raw.tracks, mounts);
+        let tilted = Samples { frames, tracks };
+        let (samples, gains) = self.followed(&tilted, followed, settings);
+        let explained = self.explained(samples.clone(), None);
+        // Beside backscatter, daylight and the strobe's position they may not be needed.
+        let are_needed = self.cost(&explained) < self.cost(level);
+        are_needed.then_some((found, (tilted, samples, gains, explained)))
     }
 
     fn placed(&self, samples: &Samples, camera: Option<&CameraFit>) -> StrobePlacement {
