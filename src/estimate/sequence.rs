@@ -101,6 +101,9 @@ impl Explanation {
     }
 }
 
+/// The samples, those without recorded gains and drop-outs, the latter, and their explanation.
+type OverPlanes = (Samples, Samples, Vec<f64>, Explanation);
+
 /// Settings and mounts of one estimate.
 #[derive(Clone, Copy)]
 struct Given<'g> {
@@ -209,7 +212,7 @@ impl Given<'_> {
         raw: &Samples,
         (followed, settings): (&[FollowedSetting], &[Vec<f64>]),
         level: &Explanation,
-    ) -> Option<(TiltFit, (Samples, Samples, Vec<f64>, Explanation))> {
+    ) -> Option<(TiltFit, OverPlanes)> {
         let Self { mounts, config } = *self;
         let mut samples = raw.clone();
         samples.follow(followed, settings);
@@ -290,10 +293,9 @@ impl Given<'_> {
             if next.source.is_some() || found.strobe.source.is_none() {
                 found.strobe = next;
             }
-            let moved = found.strobe.lamps.origin().vector() - before.origin().vector();
             (found.backscatter, found.daylight) = (backscatter, daylight);
             found.direct = Some(direct);
-            if moved.norm() < SETTLED_M {
+            if found.strobe.lamps.distance_m(before) < SETTLED_M {
                 break;
             }
         }
@@ -315,7 +317,7 @@ impl Given<'_> {
         if best.camera.is_none() && best.is_quiet && !is_even {
             return None;
         }
-        let is_moved = distance(plain.strobe.lamps, mounts.lamps) > MOVED_M;
+        let is_moved = plain.strobe.lamps.distance_m(mounts.lamps) > MOVED_M;
         if (is_moved && mounts.strobe_is_measured) || plain.direct.is_some() {
             let of_given = self.calibration(samples, mounts.lamps);
             best = of_given.into_iter().fold(best, |a, b| if b.cost < a.cost { b } else { a });
@@ -334,7 +336,7 @@ impl Given<'_> {
             return None;
         }
         let explained = self.explained(samples.clone(), best.camera.clone());
-        if distance(explained.strobe.lamps, best.camera.as_ref()?.lamps) < MOVED_M {
+        if explained.strobe.lamps.distance_m(best.camera.as_ref()?.lamps) < MOVED_M {
             return Some(explained);
         }
         // The strobe and the camera were both off.
@@ -367,11 +369,6 @@ impl Given<'_> {
         let cost = cost_with(&data, &|o, lamps| shifted.path(o, lamps), config)?;
         Some((found, cost))
     }
-}
-
-/// Between the positions of two strobes (m).
-fn distance(a: Lamps, b: Lamps) -> f64 {
-    (a.origin().vector() - b.origin().vector()).norm()
 }
 
 /// Work on samples with the nodes of α in time, where the water changes.

@@ -87,7 +87,7 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
         let (frames, tracks) = (&frames, &tracks);
         let camera = camera.as_ref();
         let next = placed(&Dataset { frames, tracks, camera, lamps: mounts.lamps, ..data });
-        if (next.origin().vector() - lamps.origin().vector()).norm() < SETTLED_M {
+        if next.distance_m(lamps) < SETTLED_M {
             break;
         }
         lamps = next;

@@ -67,6 +67,11 @@ impl Lamps {
         self.body_from_strobe.origin()
     }
 
+    /// Between the first lamps of two (m).
+    pub fn distance_m(&self, other: Self) -> f64 {
+        (self.origin().vector() - other.origin().vector()).norm()
+    }
+
     /// Pose of the first lamp, untyped.
     pub fn isometry(&self) -> Isometry3<f64> {
         self.body_from_strobe.isometry()
