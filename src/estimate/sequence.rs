@@ -1,9 +1,9 @@
 //! The sequence of pass one over samples: recorded settings, strobe, drop-outs, backscatter and
 //! daylight, the camera, then the estimators.
 //!
-//! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual: the log
-//! is explained without faults of the camera; where that leaves uneven gains, they compete with it
-//! by their cost (`self_calibration`), and the cheaper explanation is taken.
+//! What is off in a log (strobe, clock, backscatter, camera) looks the same in the residual: the
+//! log is explained without faults of the camera; where that leaves uneven gains, they compete with
+//! it by their cost (`self_calibration`), and the cheaper explanation is taken.
 
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
