@@ -2,8 +2,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use crate::support::edited::sample;
-use unwater::recording::{Entry, Recording, Window};
+use crate::support::edited::{copy_messages, sample, writer_like};
+use unwater::recording::Recording;
 
 fn unwater(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_unwater")).args(args).output().expect("the program runs")
@@ -21,31 +21,14 @@ fn error(output: &Output) -> String {
 /// not corrected, and with an attachment.
 fn in_small_chunks(target: &Path) {
     let log = Recording::open(&sample()).unwrap();
-    let file = std::io::BufWriter::new(std::fs::File::create(target).unwrap());
-    let options = mcap::WriteOptions::new().profile("ros2").chunk_size(Some(1 << 17));
-    let mut writer = options.create(file).unwrap();
-    for (id, s) in &log.schemas {
-        writer.add_schema_with_id(*id, &s.name, &s.encoding, &s.data).unwrap();
-    }
-    for (id, c) in &log.channels {
-        let encoding = &c.message_encoding;
-        writer.add_channel_with_id(*id, c.schema_id, &c.topic, encoding, &c.metadata).unwrap();
-    }
+    let options = mcap::WriteOptions::new().chunk_size(Some(1 << 17));
+    let mut writer = writer_like(&log, target, options);
     let mut pings = 0;
-    for entry in log.messages(Window::ALL) {
-        let Entry::Message(m) = entry else { panic!("damage") };
-        let header = mcap::records::MessageHeader {
-            channel_id: m.channel,
-            sequence: m.sequence,
-            log_time: m.log_time,
-            publish_time: m.publish_time,
-        };
-        let is_ping = log.channels[&m.channel].topic == "/dvl/data";
+    copy_messages(&log, &mut writer, |topic, _| {
+        let is_ping = topic == "/dvl/data";
         pings += usize::from(is_ping);
-        if !is_ping || !((20..45).contains(&pings) || (80..105).contains(&pings)) {
-            writer.write_to_known_channel(&header, m.data()).unwrap();
-        }
-    }
+        !is_ping || !((20..45).contains(&pings) || (80..105).contains(&pings))
+    });
     writer
         .attach(&mcap::Attachment {
             log_time: 5,

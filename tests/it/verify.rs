@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-use crate::support::edited::{edited, sample};
+use crate::support::edited::{copy_messages, edited, sample, writer_like};
 use unwater::recording::{Entry, Recording, Window};
 
 /// Exit status and document of a verification.
@@ -52,28 +52,8 @@ struct Edit<'e> {
 /// Copies a log with changes, whose checksums are right.
 fn rewritten(source: &Path, target: &Path, edit: &Edit<'_>) {
     let log = Recording::open(source).unwrap();
-    let file = std::io::BufWriter::new(std::fs::File::create(target).unwrap());
-    let mut writer = mcap::WriteOptions::new().profile("ros2").create(file).unwrap();
-    for (id, s) in &log.schemas {
-        writer.add_schema_with_id(*id, &s.name, &s.encoding, &s.data).unwrap();
-    }
-    for (id, c) in &log.channels {
-        let encoding = &c.message_encoding;
-        writer.add_channel_with_id(*id, c.schema_id, &c.topic, encoding, &c.metadata).unwrap();
-    }
-    for entry in log.messages(Window::ALL) {
-        let Entry::Message(m) = entry else { panic!("damage") };
-        let header = mcap::records::MessageHeader {
-            channel_id: m.channel,
-            sequence: m.sequence,
-            log_time: m.log_time,
-            publish_time: m.publish_time,
-        };
-        let mut data = m.data().to_vec();
-        if (edit.message)(&log.channels[&m.channel].topic, &mut data) {
-            writer.write_to_known_channel(&header, &data).unwrap();
-        }
-    }
+    let mut writer = writer_like(&log, target, mcap::WriteOptions::new());
+    copy_messages(&log, &mut writer, edit.message);
     for attachment in log.attachments().flatten() {
         let mut data = log.attachment_data(&attachment).unwrap();
         (edit.attachment)(&attachment.name, &mut data);

@@ -4,18 +4,7 @@ use super::super::header::Header;
 use super::super::writer::WireFormat;
 use super::encode::with_header;
 use super::schema::OutputType;
-
-macro_rules! dependency {
-    ($name:literal, $fields:literal) => {
-        concat!(
-            "================================================================================\n",
-            "MSG: ",
-            $name,
-            "\n",
-            $fields
-        )
-    };
-}
+use super::types::{header, quaternion, section, time};
 
 macro_rules! with_header_first {
     ($fields:literal $(, $more:expr)*) => {
@@ -23,8 +12,7 @@ macro_rules! with_header_first {
             "std_msgs/Header header\n",
             $fields,
             $($more,)*
-            dependency!("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
-            dependency!("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n")
+            header!()
         )
     };
 }
@@ -45,8 +33,8 @@ pub const IMU: OutputType = OutputType::of_ros2(
         "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n\
          geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n\
          geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance\n",
-        dependency!("geometry_msgs/Quaternion", "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"),
-        dependency!("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n")
+        quaternion!(),
+        section!("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z\n")
     ),
 );
 
@@ -56,7 +44,7 @@ pub const NAV_SAT_FIX: OutputType = OutputType::of_ros2(
     with_header_first!(
         "sensor_msgs/NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n\
          float64[9] position_covariance\nuint8 position_covariance_type\n",
-        dependency!("sensor_msgs/NavSatStatus", "int8 status\nuint16 service\n")
+        section!("sensor_msgs/NavSatStatus", "int8 status\nuint16 service\n")
     ),
 );
 

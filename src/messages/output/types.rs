@@ -46,6 +46,8 @@ macro_rules! quaternion {
     };
 }
 
+pub(super) use {header, quaternion, section, time};
+
 macro_rules! region_of_interest {
     () => {
         section!(

@@ -93,3 +93,42 @@ pub fn edited(target: &Path, edit: impl Fn(&mut Record)) {
     records.iter_mut().for_each(edit);
     write(target, &records);
 }
+
+/// A writer of another file, with the schemas and channels of a log under their ids.
+pub fn writer_like(
+    log: &Recording,
+    target: &Path,
+    options: mcap::WriteOptions,
+) -> mcap::Writer<std::io::BufWriter<std::fs::File>> {
+    let file = std::io::BufWriter::new(std::fs::File::create(target).unwrap());
+    let mut writer = options.profile("ros2").create(file).unwrap();
+    for (id, s) in &log.schemas {
+        writer.add_schema_with_id(*id, &s.name, &s.encoding, &s.data).unwrap();
+    }
+    for (id, c) in &log.channels {
+        let encoding = &c.message_encoding;
+        writer.add_channel_with_id(*id, c.schema_id, &c.topic, encoding, &c.metadata).unwrap();
+    }
+    writer
+}
+
+/// Copies the messages of a log that `edit` keeps, by topic and payload, which it may change.
+pub fn copy_messages<W: std::io::Write + std::io::Seek>(
+    log: &Recording,
+    writer: &mut mcap::Writer<W>,
+    mut edit: impl FnMut(&str, &mut Vec<u8>) -> bool,
+) {
+    for entry in log.messages(Window::ALL) {
+        let Entry::Message(m) = entry else { panic!("the source is damaged") };
+        let header = mcap::records::MessageHeader {
+            channel_id: m.channel,
+            sequence: m.sequence,
+            log_time: m.log_time,
+            publish_time: m.publish_time,
+        };
+        let mut data = m.data().to_vec();
+        if edit(&log.channels[&m.channel].topic, &mut data) {
+            writer.write_to_known_channel(&header, &data).unwrap();
+        }
+    }
+}
