@@ -42,6 +42,8 @@ pub struct Dataset<'s> {
     pub backscatter: Option<&'s BackscatterFit>,
     /// daylight that has been removed from the samples
     pub daylight: Option<&'s DaylightFit>,
+    /// daylight's share, where it is in the samples and an unknown of the solves
+    pub daylight_share: Option<Bands>,
     /// the tracks before either was; `None` where nothing was removed
     pub raw_tracks: Option<&'s [Track]>,
     /// what of the camera has been removed from the samples and stays unknown in the solves
@@ -69,6 +71,7 @@ impl<'s> Dataset<'s> {
             tilts: None,
             backscatter: None,
             daylight: None,
+            daylight_share: None,
             raw_tracks: None,
             camera: None,
             drift: None,
@@ -110,7 +113,8 @@ impl<'s> Dataset<'s> {
         let frames = self.frames.len();
         let independence = Independence { frames, moments: self.moments() };
         let camera = self.camera.map(CameraFit::unknowns);
-        Setup { camera, ..Setup::new(independence, self.bands(), grid, config) }
+        let daylight = self.daylight_share;
+        Setup { camera, daylight, ..Setup::new(independence, self.bands(), grid, config) }
     }
 
     /// A model with the settings' spreading.

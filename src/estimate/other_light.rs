@@ -37,16 +37,11 @@ pub fn other_light(
     }
 }
 
-/// Frames and tracks as the strobe alone would have lit the seafloor.
-pub fn direct_light(
+/// Frames and tracks without backscatter, where there is any.
+pub fn without_backscatter(
     data: &Dataset<'_>,
     backscatter: Option<&BackscatterFit>,
-    daylight: Option<&DaylightFit>,
 ) -> (Vec<FrameSamples>, Vec<Track>) {
-    let clear = backscatter.map(|fit| fit.removed_from(data));
-    let Some(daylight) = daylight else {
-        return clear.unwrap_or_else(|| (data.frames.to_vec(), data.tracks.to_vec()));
-    };
-    let clear = clear.as_ref().map_or((data.frames, data.tracks), |(f, t)| (f, t));
-    daylight.removed_from(&Dataset { frames: clear.0, tracks: clear.1, ..*data })
+    backscatter
+        .map_or_else(|| (data.frames.to_vec(), data.tracks.to_vec()), |fit| fit.removed_from(data))
 }

@@ -10,15 +10,15 @@ use super::camera_fit::CameraFit;
 use super::daylight::DaylightFit;
 use super::methods::empirical::Regions;
 use super::mount_search::{MountFit, check_mounts};
-use super::other_light::{direct_light, other_light};
+use super::other_light::{other_light, without_backscatter};
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
 use super::tilt_search::TiltFit;
 use super::{
-    Dataset, FollowedSetting, ModelEstimate, Mounts, drift, estimate, exposure, frame_gains,
-    tilt_search,
+    Dataset, FollowedSetting, ModelEstimate, Mounts, daylight, drift, estimate, exposure,
+    frame_gains, tilt_search,
 };
 use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
 use crate::error::Result;
@@ -283,18 +283,24 @@ impl Given<'_> {
                 (found.backscatter, found.daylight, found.direct) = (None, None, None);
                 break;
             }
-            let (frames, tracks) = direct_light(&placed, backscatter.as_ref(), daylight.as_ref());
-            let direct = Samples { frames, tracks };
+            let (frames, tracks) = without_backscatter(&placed, backscatter.as_ref());
+            let lit = Samples { frames, tracks };
             let before = found.strobe.lamps;
             let start = is_searched.then_some(before);
-            let data = direct.data(mounts, mounts.lamps, camera);
+            // Daylight gives way to a strobe that moves: both are unknown at once.
+            let daylight_share = daylight.as_ref().map(|fit| daylight::begun(&fit.share));
+            let data = Dataset { daylight_share, ..lit.data(mounts, mounts.lamps, camera) };
             let next = place_strobe(&data, mounts.strobe_is_measured, start, config);
             // A position that cannot be found again stays what it was.
             if next.source.is_some() || found.strobe.source.is_none() {
                 found.strobe = next;
             }
+            let under_strobe = daylight.as_ref().map(|fit| {
+                let (frames, tracks) = fit.removed_from(&lit.data(mounts, before, camera));
+                Samples { frames, tracks }
+            });
+            found.direct = Some(under_strobe.unwrap_or(lit));
             (found.backscatter, found.daylight) = (backscatter, daylight);
-            found.direct = Some(direct);
             if found.strobe.lamps.distance_m(before) < SETTLED_M {
                 break;
             }
@@ -422,7 +428,7 @@ fn finish(
     // Daylight is part of the model that corrects.
     let with_daylight = || raw.data(mounts, strobe.lamps, None);
     let frames = match &daylight {
-        Some(_) => direct_light(&with_daylight(), backscatter.as_ref(), None).0,
+        Some(_) => without_backscatter(&with_daylight(), backscatter.as_ref()).0,
         None => direct.frames,
     };
     let daylight = daylight.map(|fit| fit.of_model(&estimate.model));

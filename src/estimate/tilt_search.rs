@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use super::Dataset;
 use super::Mounts;
 use super::camera_fit::CameraFit;
-use super::other_light::{direct_light, other_light};
+use super::other_light::{other_light, without_backscatter};
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{calibrate, with_law};
@@ -70,10 +70,13 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
     let stds = stds(data.frames).filter(|_| can_tell && is_asked)?;
     let placed =
         |data: &Dataset<'_>| place_strobe(data, mounts.strobe_is_measured, None, config).lamps;
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let (mut lamps, mut best) = (placed(data), None);
     for _ in 0..TURNS {
         let data = Dataset { lamps, ..*data };
-        let (frames, tracks) = without_backscatter(&data, config);
+        // Backscatter, too, changes the light with altitude and across the image.
+        let (backscatter, _) = other_light(&data, &data.setup(grid, config), false);
+        let (frames, tracks) = without_backscatter(&data, backscatter.as_ref());
         let direct = Dataset { frames: &frames, tracks: &tracks, ..data };
         let search = Search { data: &direct, mounts, stds, config };
         let Some((found, camera)) = search.best() else { break };
@@ -93,17 +96,6 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
         lamps = next;
     }
     best
-}
-
-/// Samples without backscatter over level planes: like a tilt it changes the light with altitude
-/// and across the image.
-fn without_backscatter(
-    data: &Dataset<'_>,
-    config: &EstimateConfig,
-) -> (Vec<FrameSamples>, Vec<Track>) {
-    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let (found, _) = other_light(data, &data.setup(grid, config), false);
-    direct_light(data, found.as_ref(), None)
 }
 
 /// A search for tilts.
