@@ -124,6 +124,10 @@ facts! {
                   camera with uneven gain or vignetting: it may be the difference of their \
                   patterns"),
             remedy("with one lamp at a time, or lamps of one type, attenuation can be determined");
+        Warning "not-identified-level" NotLevel { rotation_deg: f64 },
+            text("the seafloor is assumed level, and the images contradict it: rotated by \
+                  {rotation_deg:.1}° it fits better"),
+            remedy("a DVL, or ranges of several beams, would measure the slope");
         Warning "not-identified-mount" MountContradicted,
             text("the mount of the range instrument that is used contradicts the attitude and the \
                   images"),

@@ -5,7 +5,7 @@
 //! it than bright sand beside it, in log light. Points of many reflectances, seen from several
 //! heights, so tell the two apart; the darkest of all bound it from above.
 //!
-//! The strength b joins the joint solve to first order, S is tabulated anew from the beam and α in
+//! The strength b joins the joint solve to first order, S is tabulated again from the beam and α in
 //! hand, and what is known is taken off the colours before the logarithm. In: samples. Out: b, and
 //! colours freed of it.
 
@@ -35,7 +35,7 @@ const SETTLED: f64 = 0.01;
 const FIRST_STEPS: usize = 2;
 /// `auto` wants b to be surer than this many standard deviations in a band …
 const MIN_DEVIATIONS: f64 = 4.0;
-/// … and held-out frames to be foretold better by this.
+/// … and held-out frames to be predicted better by this.
 const MIN_IMPROVEMENT: f64 = 0.02;
 
 /// An even field is believed where it predicts held-out frames better by this.
@@ -50,7 +50,7 @@ pub struct BackscatterFit {
     pub backscatter: Backscatter,
     /// standard deviation of b_Λ (1/m)
     pub std_per_m: Bands,
-    /// how much better held-out frames are foretold
+    /// how much better held-out frames are predicted
     pub improvement: f64,
     /// median share of scattered light in what tracked points send, per band
     pub share: Bands,

@@ -1,4 +1,4 @@
-//! Water that changes along the log: nodes of α in time, where held-out frames are foretold better
+//! Water that changes along the log: nodes of α in time, where held-out frames are predicted better
 //! by them.
 //!
 //! Each stretch of a dozen frames or more may have its own α; nodes run on smoothly, but
@@ -24,7 +24,7 @@ const LEAST_TRAVELS: f64 = 2.5;
 /// … where a turn back by less than this share of the range is bobbing, which many frames would add
 /// up.
 const LEAST_TURN: f64 = 0.2;
-/// `auto` wants held-out frames to be foretold better by this.
+/// `auto` wants held-out frames to be predicted better by this.
 const LEAST_IMPROVEMENT: f64 = 0.02;
 
 /// Nodes of α in time.

@@ -14,6 +14,7 @@ mod dataset;
 mod daylight;
 mod descriptor;
 mod drift;
+mod explanation;
 mod exposure;
 mod frame_gains;
 mod keypoints;

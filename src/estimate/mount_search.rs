@@ -11,6 +11,7 @@ use nalgebra::Vector3;
 use super::quality::identifiability::MIN_FRAMES;
 use super::{Dataset, Mounts};
 use crate::config::EstimateConfig;
+use crate::diagnostics::NotIdentified;
 use crate::model::BeamGrid;
 use crate::solver::terms::geometry::{PlaneTrack, ShiftedPlanes, strobe_position};
 use crate::solver::{Minimum, Observation, Problem, SETTLED, Setup, minimize, thinned};
@@ -68,6 +69,14 @@ impl MountFit {
     pub fn contradicts_clock(&self) -> bool {
         self.gains()
             && self.clock_offset_s.abs() > LEAST_OFFSET_S.max(SURE * self.clock_offset_std_s)
+    }
+
+    /// Why attenuation is not identified where the seafloor is assumed level and contradicts it:
+    /// the rotation that fits is not used, as it is no mount's.
+    pub fn contradicts_level(&self) -> Option<NotIdentified> {
+        let rotation_deg = self.turn_rad.norm().to_degrees();
+        let is_contradicted = self.turn_is_attitudes && self.contradicts_mount();
+        is_contradicted.then_some(NotIdentified::NotLevel { rotation_deg })
     }
 
     /// Whether the mount is.

@@ -7,7 +7,7 @@
 
 use super::backscatter::BackscatterFit;
 use super::camera_fit::CameraFit;
-use super::daylight::DaylightFit;
+use super::explanation::{Explanation, Samples, uniform};
 use super::methods::empirical::Regions;
 use super::mount_search::{MountFit, check_mounts};
 use super::other_light::{other_light, without_backscatter};
@@ -17,12 +17,11 @@ use super::self_calibration::{Calibration, calibrate, cost_with};
 use super::strobe_search::{StrobePlacement, place_strobe};
 use super::tilt_search::TiltFit;
 use super::{
-    Dataset, FollowedSetting, ModelEstimate, Mounts, daylight, drift, estimate, exposure,
+    Dataset, Estimate, FollowedSetting, ModelEstimate, Mounts, daylight, drift, estimate, exposure,
     frame_gains, tilt_search,
 };
 use crate::config::{EstimateConfig, SelfCalibration, StrobePosition, Switch};
 use crate::error::Result;
-use crate::image::Bands;
 use crate::image::response::TransferKnown;
 use crate::model::{BeamGrid, ScatterSource};
 use crate::parallel::join;
@@ -38,68 +37,6 @@ const SETTLED_M: f64 = 0.01;
 const MOVED_M: f64 = 0.03;
 /// The camera is believed to be at fault where that lowers the cost by this.
 const LEAST_DECREASE: f64 = 0.05;
-
-/// Samples and tracks, owned.
-#[derive(Clone)]
-struct Samples {
-    frames: Vec<FrameSamples>,
-    tracks: Vec<Track>,
-}
-
-impl Samples {
-    fn data<'s>(
-        &'s self,
-        mounts: &Mounts,
-        lamps: Lamps,
-        camera: Option<&'s CameraFit>,
-    ) -> Dataset<'s> {
-        let data = Dataset::plain(&self.frames, &self.tracks, mounts.body_from_optical, lamps);
-        Dataset { camera, ..data }
-    }
-
-    /// Divides by recorded settings.
-    fn follow(&mut self, followed: &[FollowedSetting], settings: &[Vec<f64>]) {
-        for setting in followed {
-            self.remove_gains(&uniform(&setting.log_gains(&settings[setting.index])));
-        }
-    }
-
-    fn remove_gains(&mut self, log_gains: &[Bands]) {
-        frame_gains::remove_gains(&mut self.frames, &mut self.tracks, log_gains);
-    }
-}
-
-/// One explanation of a log but for attenuation and beam pattern.
-#[derive(Clone)]
-struct Explanation {
-    /// the samples without gains and faults of the camera
-    raw: Samples,
-    /// without backscatter and daylight too, where there is any
-    direct: Option<Samples>,
-    strobe: StrobePlacement,
-    backscatter: Option<BackscatterFit>,
-    daylight: Option<DaylightFit>,
-    /// α with backscatter modelled, where the settings exclude it (1/m)
-    unmodelled: Option<Bands>,
-    camera: Option<CameraFit>,
-    /// clock and mount that explain the log better than any fault of the camera
-    mounts: Option<MountFit>,
-}
-
-impl Explanation {
-    fn new(raw: Samples, strobe: StrobePlacement, camera: Option<CameraFit>) -> Self {
-        Self {
-            raw,
-            strobe,
-            camera,
-            direct: None,
-            backscatter: None,
-            daylight: None,
-            unmodelled: None,
-            mounts: None,
-        }
-    }
-}
 
 /// The samples, those without recorded gains and drop-outs, the latter, and their explanation.
 type OverPlanes = (Samples, Samples, Vec<f64>, Explanation);
@@ -178,11 +115,6 @@ pub fn estimate_model(
 /// The estimate whose judgement is better, the second if they are equal.
 fn better(a: ModelEstimate, b: ModelEstimate) -> ModelEstimate {
     if a.judgement.score() < b.judgement.score() { a } else { b }
-}
-
-/// The same gain in all bands.
-fn uniform(log_gains: &[f64]) -> Vec<Bands> {
-    log_gains.iter().map(|gain| [*gain; 3]).collect()
 }
 
 impl Given<'_> {
@@ -390,6 +322,24 @@ fn with_drift<R>(
     work(&Dataset { drift: drift.as_ref(), ..*data })
 }
 
+/// The estimators, and clock and mount by them, unless known.
+fn checked(
+    data: &Dataset<'_>,
+    known: Option<MountFit>,
+    can_tell: bool,
+    Given { mounts, config }: Given<'_>,
+) -> (Option<MountFit>, Result<Estimate>) {
+    let estimated = || with_drift(data, can_tell, config, &|data| estimate(data, config));
+    let check = || known.or_else(|| check_mounts(data, mounts.instrument, config));
+    let (found, estimated) = join(check, estimated);
+    let is_not_level = found.and_then(|fit| fit.contradicts_level());
+    let judged = estimated.map(|estimate| Estimate {
+        not_identified: estimate.not_identified.or(is_not_level),
+        ..estimate
+    });
+    (found, judged)
+}
+
 /// The estimators on an explained log.
 fn finish(
     explained: Explanation,
@@ -414,11 +364,9 @@ fn finish(
         unmodelled_backscatter: unmodelled,
         ..direct.data(mounts, strobe.lamps, camera.as_ref())
     };
-    let estimated = || with_drift(&data, can_tell, config, &|data| estimate(data, config));
     let replaces_mounts = known.is_some() && config.self_calibration == SelfCalibration::Auto;
-    let check = || known.or_else(|| check_mounts(&data, mounts.instrument, config));
-    let (mount_fit, estimate) = join(check, estimated);
-    let mut estimate = estimate?;
+    let (mount_fit, estimated) = checked(&data, known, can_tell, given);
+    let mut estimate = estimated?;
     let judgement = estimate.judge(&data, regions.as_ref(), config);
     estimate.ensure_corrects(&judgement)?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {

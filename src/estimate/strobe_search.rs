@@ -2,7 +2,7 @@
 //!
 //! No public recording holds a strobe's pose, but the residual of the joint solve knows it: 0.2 m
 //! fore-and-aft nearly doubles it. The place, three numbers, joins the unknowns to first order; a
-//! step is taken where the residual falls (`descent`), the pattern solved anew at each place. The
+//! step is taken where the residual falls (`descent`), the pattern solved again at each place. The
 //! orientation does not matter: the pattern's grid takes it up. From nothing, the search begins at
 //! the best of a few places around the camera. In: tracks. Out: the place in body space (m), its
 //! standard deviation, and the residual there.

@@ -121,7 +121,7 @@ pub struct BackscatterFile {
     pub shape: [f64; SHAPES],
     /// median share of it in the light of tracked points
     pub median_share: Vec<f64>,
-    /// how much better frames that the solve did not see are foretold with it (share of the loss)
+    /// how much better frames that the solve did not see are predicted with it (share of the loss)
     pub held_out_improvement: f64,
 }
 

@@ -24,7 +24,7 @@ pub struct Verification {
     pub diagnostics: Vec<Diagnostic>,
     /// messages of the input that were compared
     pub copied: u64,
-    /// messages that were made anew and compared
+    /// messages that were made again and compared
     pub repeated: u64,
 }
 
@@ -131,7 +131,7 @@ fn check_records(
     }
 }
 
-/// The messages that the run would add, made anew from the input where it is given, else from the
+/// The messages that the run would add, made again from the input where it is given, else from the
 /// raw frames of the output itself; or why they cannot be.
 fn repeated(
     path: &Path,

@@ -74,7 +74,7 @@ fn text(found: &Verification, args: &Args, has_input: bool) -> String {
     if has_input {
         text += &format!("input        {} messages compared\n", found.copied);
     }
-    text += &format!("repeated     {} messages made anew and compared\n", found.repeated);
+    text += &format!("repeated     {} messages made again and compared\n", found.repeated);
     let verdict = match (found.has_failed(), found.is_complete()) {
         (true, _) => paint.warning("not what it must be"),
         (false, false) => paint.warning("nothing wrong found; corrected frames not compared"),

@@ -50,8 +50,8 @@ impl RegionGrid {
         })
     }
 
-    /// Regions that the block around a point covers, and the share of it in each. Whole blocks would
-    /// shift the mean of a region from its centre by another amount in every column.
+    /// Regions that the block around a point covers, and the share of it in each. Whole blocks
+    /// would shift the mean of a region from its centre by another amount in every column.
     fn covered(&self, x: f64, y: f64) -> [(usize, f64); 4] {
         let along = |v: f64, [from, to]: [f64; 2], count: usize, block: f64| {
             let size = (to - from) / count as f64;
@@ -141,8 +141,8 @@ const NOISE_8_BIT: f64 = 1e-4;
 const NOISE_16_BIT: f64 = 7e-5;
 /// Least light whose logarithm is taken, in standard deviations of the noise.
 const LEAST_LIGHT: f64 = 1.0;
-/// Blocks that a region needs, and the least share of a block that counts: a clipped one spoils what it
-/// covers.
+/// Blocks that a region needs, and the least share of a block that counts: a clipped one spoils
+/// what it covers.
 const LEAST_COVERED: f64 = 0.25;
 const LEAST_SHARE: f64 = 0.05;
 
