@@ -96,6 +96,7 @@ impl Scene {
                 over_time: Default::default(),
                 backscatter: None,
                 daylight: None,
+                residual: None,
                 empirical: None,
             },
             rig: Rig {

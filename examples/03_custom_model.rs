@@ -28,6 +28,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
         beam_pattern: beam_pattern(),
         backscatter: None,
         daylight: None,
+        residual: None,
         empirical: None,
     };
     let strobe = Transform::from_parts([-0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]);

@@ -86,7 +86,12 @@ fn position(strobe: &StrobeFile) -> String {
 
 /// The empirical model, and what the correction does on held-out frames.
 fn judged(report: &Report, model: &ModelFile) -> Vec<(&'static str, String)> {
-    let form = model.empirical.as_ref().map(|e| ("light", format!("empirical: {}", e.form.word())));
+    let residual = || {
+        model.residual_light.as_ref()?;
+        Some("what attenuation and beam pattern leave of it by region is removed, too".into())
+    };
+    let form = model.empirical.as_ref().map(|e| format!("empirical: {}", e.form.word()));
+    let form = form.or_else(residual).map(|light| ("light", light));
     let text = report.verdict.as_ref().and_then(|v| Some((v.measure.word(), v.text()?)));
     form.into_iter().chain(text).collect()
 }

@@ -20,7 +20,7 @@ use super::{Correction, FrameFacts, mask};
 use crate::config::Method;
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::Bands;
-use crate::model::{BeamPattern, EmpiricalModel, Removal};
+use crate::model::{BeamPattern, EmpiricalModel, Removal, ResidualLight};
 
 /// Larger log gains belong to light without any signal.
 const MAX_LOG_GAIN: f32 = 30.0;
@@ -52,7 +52,9 @@ pub struct GainField<'g> {
     pub(super) signal: Option<Signal<'g>>,
     /// bits of the mask, by node
     pub(super) bits: Vec<u8>,
-    /// instead of the model of Eq. 15
+    /// beside the model of Eq. 15
+    residual: Option<&'g ResidualLight>,
+    /// instead of it
     empirical: Option<&'g EmpiricalModel>,
     range_factor: f64,
     removal: Removal,
@@ -157,6 +159,7 @@ impl<'g> GainField<'g> {
             bands,
             gains,
             scattered: has_backscatter.then(|| NodeGrid::new(size, step, bands, 0.0)),
+            residual: correction.model.residual.as_deref().filter(|_| is_full),
             empirical,
             range_factor: light.range_factor,
             weights: has_gain.then(|| NodeGrid::new(size, step, bands, -1.0)),
@@ -357,7 +360,12 @@ impl<'g> GainField<'g> {
     /// Log radiance of the parts and backscatter of one pixel.
     fn parts(&self, (u, v): (f64, f64), path: &LightPath, parts: Removal) -> (Bands, [f32; 3]) {
         let Some(empirical) = self.empirical else {
-            let radiance = self.correction.model.log_radiance(path, parts);
+            let mut radiance = self.correction.model.log_radiance(path, parts);
+            if let Some(residual) = self.residual {
+                let (x, y) = self.view.camera.image_plane(u, v).unwrap_or((0.0, 0.0));
+                let left = residual.log_light(x, y, path.seafloor_to_camera_m);
+                radiance.iter_mut().zip(left).for_each(|(sum, left)| *sum += left);
+            }
             return (radiance, self.scattered_at(u, v, path));
         };
         let (x, y) = self.view.camera.image_plane(u, v).unwrap_or((0.0, 0.0));

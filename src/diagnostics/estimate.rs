@@ -96,6 +96,11 @@ facts! {
                   frames: something in the light is not modelled", 100.0 * systematic),
             remedy("look for a second lamp, daylight, or moving shadows; the differences between \
                     bands suffer less");
+        Warning "not-identified-residual" LightLeft,
+            text("attenuation and beam pattern do not explain the light: what they leave of it \
+                  differs by place in the image and slant range, and is removed beside them"),
+            remedy("all lamps in the transforms or the rig file, and a calibration of the \
+                    camera's vignetting, would explain it");
         Warning "not-identified-empirical" EmpiricalBetter,
             text("an empirical model of the light predicts held-out frames better"),
             remedy("check ranges, mounts and calibration (unwater inspect)");

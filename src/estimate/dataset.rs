@@ -145,6 +145,7 @@ impl<'s> Dataset<'s> {
             beam_pattern,
             backscatter: self.backscatter.map(|fit| fit.backscatter),
             daylight: self.daylight.map(|fit| fit.daylight),
+            residual: None,
             empirical: None,
         }
     }

@@ -23,6 +23,7 @@ mod methods;
 mod mount_search;
 mod other_light;
 mod quality;
+mod residual_fit;
 mod samples;
 mod self_calibration;
 mod sequence;
@@ -30,6 +31,7 @@ mod strobe_search;
 mod tilt_search;
 mod tracks;
 mod verdict;
+mod verdict_figures;
 
 use std::collections::BTreeMap;
 
@@ -63,6 +65,7 @@ use crate::model::{
     Backscatter, BeamGrid, BeamPattern, EstimatorAnswer, ImagingModel, ScatterTable, SpreadingModel,
 };
 use crate::parallel::par_map;
+use crate::stats;
 use crate::vehicle::Lamps;
 use methods::empirical::Regions;
 use methods::{Candidate, Method, altitude, joint, pairs};
@@ -131,6 +134,11 @@ impl Estimate {
         let is_identified = self.not_identified.is_none();
         let case = verdict::Case { data, regions, model, estimator, is_identified, config };
         let judgement = case.judge();
+        if judgement.residual.is_some() {
+            // Light that the model does not explain looks like water that changes.
+            self.model.over_time = Default::default();
+            self.not_identified.get_or_insert(NotIdentified::LightLeft);
+        }
         if judgement.empirical.is_some() {
             self.estimator = Estimator::Empirical;
             self.not_identified.get_or_insert(NotIdentified::EmpiricalBetter);
@@ -185,6 +193,16 @@ pub struct ModelEstimate {
     pub frames: Vec<FrameSamples>,
     /// whether the correction helps, and the empirical model where another does not
     pub judgement: Judgement,
+}
+
+impl ModelEstimate {
+    /// Whether residual light leaves less of the light without the camera's gains than another
+    /// estimate takes these to be.
+    fn needs_no_gains_of(&self, other: &Self) -> bool {
+        let gains = other.camera.as_ref().filter(|c| c.found.gains).map(CameraFit::common_gains);
+        let size = gains.map_or(0.0, |gains| stats::robust_std(&gains));
+        self.judgement.residual.as_ref().is_some_and(|fit| fit.spread < size)
+    }
 }
 
 /// Frames as a given model needs them: the frames' gains and backscatter removed.

@@ -99,12 +99,13 @@ pub fn estimate_model(
     }
     let found = (followed, log_gains);
     let estimate = finish(explained, found.clone(), given)?;
-    let estimate = match plain.filter(|_| estimate.judgement.empirical.is_some()) {
+    let estimate = match plain.filter(|_| !estimate.judgement.is_physical()) {
         // An empirical model without the gains of a solve that it replaces may be better: these
         // drift along a log that does not determine attenuation. A physical model without faults of
         // the camera that came to light is none.
         Some(plain) => match finish(plain, found, given) {
-            Ok(simpler) if simpler.judgement.empirical.is_some() => better(estimate, simpler),
+            Ok(simpler) if simpler.needs_no_gains_of(&estimate) => simpler,
+            Ok(simpler) if !simpler.judgement.is_physical() => better(estimate, simpler),
             _ => estimate,
         },
         None => estimate,

@@ -4,41 +4,38 @@
 //! Where frames overlap: how well views of one point agree, over the spread between points. Where
 //! they do not: how even colour and brightness are over regions of the image and frames. Both where
 //! frames overlap and attenuation is not identified: views of one point hardly differ in range
-//! then, and what is wrong in the same place of every image does not show. Of full correction,
-//! empirical model, mean frame and white balance the first is used that no simpler one is better
-//! than.
+//! then, and what is wrong in the same place of every image does not show. Of full correction, with
+//! what it leaves of the light or without, empirical model, mean frame and white balance the first
+//! is used that no simpler one is better than.
 
 use super::Dataset;
-use super::methods::empirical::{EmpiricalFit, Regions, fit};
+use super::methods::empirical::{EmpiricalFit, RegionSample, Regions, fit};
+use super::residual_fit::{self, ResidualFit, View};
+use super::verdict_figures::{
+    EVERY, LogRatio, MAX_JUDGED, agreement, as_shown, corrected, evenness, frames_of, held_out,
+    is_held, of_points,
+};
 use crate::config::{EstimateConfig, Estimator};
 use crate::image::Bands;
 use crate::model::{
     BeamGrid, EmpiricalForm, ImagingModel, Removal, Verdict, VerdictFigures, VerdictMeasure,
-    limited,
 };
 use crate::parallel::par_map;
 use crate::solver::{Observation, Problem, Track, sample_path};
 use crate::stats;
 
-/// One frame in so many is held out, where frames overlap.
-const EVERY: u32 = 3;
-/// Where they do not: one segment in three, of so many.
-const SEGMENTS: usize = 12;
-const ROTATIONS: usize = 3;
-/// Most frames that an empirical model is fitted to, and that judge it.
+/// Most frames that an empirical model is fitted to.
 const MAX_FITTED: usize = 150;
-const MAX_JUDGED: usize = 75;
 /// Reweightings of the solve without the held-out frames.
 const ROUNDS: usize = 5;
-/// Fewest held-out views that measure agreement.
-const MIN_VIEWS: usize = 100;
 /// A simpler correction is used if it is better by this factor.
 const BETTER: f64 = 0.9;
+/// What the physical model leaves of the light is used if agreement is better by this factor with
+/// it, and by the second where attenuation is identified.
+const LEFT: [f64; 2] = [0.9, 0.75];
 /// Refined ranges are used if they make both colour and brightness of held-out frames more even by
 /// this factor than the given ranges do: otherwise they follow the seafloor.
 const BETTER_RANGES: f64 = 0.85;
-/// The signal-to-noise ratio at which a band has half of its weight.
-const SIGNAL_TO_NOISE: f64 = 5.0;
 
 /// A figure that is larger than that of raw light by this factor and by this much more is worse.
 const WORSE: (f64, f64) = (1.1, 0.03);
@@ -46,20 +43,28 @@ const WORSE: (f64, f64) = (1.1, 0.03);
 /// factor.
 const NO_HARM: f64 = 1.5;
 
-/// Names of raw light and of full correction.
+/// Names of raw light, of full correction, and of the latter with what it leaves of the light.
 const RAW: &str = "raw";
 const FULL: &str = "full";
+const RESIDUAL: &str = "residual";
 
 /// The comparison, and the empirical model where it is better than the physical one.
 #[derive(Clone, Debug, Default)]
 pub struct Judgement {
     /// the figures; `None` where nothing could be measured
     pub verdict: Option<Verdict>,
+    /// used beside the physical model
+    pub residual: Option<ResidualFit>,
     /// used instead of the physical model
     pub empirical: Option<EmpiricalFit>,
 }
 
 impl Judgement {
+    /// Whether attenuation and beam pattern alone correct the frames.
+    pub fn is_physical(&self) -> bool {
+        self.residual.is_none() && self.empirical.is_none()
+    }
+
     /// The figure of what is used; infinite where nothing was measured.
     pub fn score(&self) -> f64 {
         let used = |v: &Verdict| v.of(&v.used).map(VerdictFigures::score);
@@ -92,24 +97,29 @@ impl Case<'_> {
         let Some(mut verdict) = self.by_agreement().or_else(|| self.by_evenness()) else {
             return Judgement::default();
         };
-        verdict.figures.retain(|f| has_physical || f.name != FULL);
+        verdict.figures.retain(|f| has_physical || (f.name != FULL && f.name != RESIDUAL));
         let is_joint = verdict.measure == VerdictMeasure::SamePoint;
         let is_identified = self.is_identified && is_joint;
         let full = verdict.of(FULL).map_or(f64::INFINITY, VerdictFigures::score);
         let raw = verdict.of(RAW).map_or(f64::INFINITY, VerdictFigures::score);
+        let left = verdict.of(RESIDUAL).map_or(f64::INFINITY, VerdictFigures::score);
+        let leaves_light = left < LEFT[usize::from(is_identified)] * full;
+        let physical = if leaves_light { RESIDUAL } else { FULL };
+        let residual = || if leaves_light { self.residual() } else { None };
         if !is_forced && (is_chosen || (is_identified && full <= raw)) {
-            verdict.used = FULL.into();
-            verdict.figures.retain(|f| f.name == RAW || f.name == FULL);
-            return Judgement { verdict: Some(verdict), empirical: None };
+            verdict.used = physical.into();
+            verdict.figures.retain(|f| f.name == RAW || f.name == FULL || f.name == physical);
+            return Judgement { verdict: Some(verdict), residual: residual(), empirical: None };
         }
-        let form = chosen(&verdict, is_forced);
+        let form = chosen(&verdict, physical, is_forced);
         let fitted = form.zip(self.regions).and_then(|(form, regions)| {
             let fitted = frames_of(regions, MAX_FITTED, |_| true);
             let others = frames_of(regions, usize::MAX, |f| fitted.binary_search(&f).is_err());
             fit(regions, &fitted, &others, form)
         });
-        verdict.used = fitted.as_ref().map_or(FULL, |f| f.model.form.name()).into();
-        Judgement { verdict: Some(verdict), empirical: fitted }
+        verdict.used = fitted.as_ref().map_or(physical, |f| f.model.form.name()).into();
+        let residual = if fitted.is_none() { residual() } else { None };
+        Judgement { verdict: Some(verdict), residual, empirical: fitted }
     }
 
     /// Agreement of the same point; `None` where too few points are seen again.
@@ -117,15 +127,11 @@ impl Case<'_> {
         let (data, bands) = (self.data, self.data.bands());
         let color = |o: &Observation| o.sample.log_color.map(f64::from);
         let raw = agreement(data.raw_tracks(), bands, &|o| Some(color(o)))?;
-        let model = self.model.without_daylight();
-        let by_model = |o: &Observation| {
-            let predicted = model.log_radiance(&data.path(o)?, Removal::FULL);
-            Some(std::array::from_fn(|b| color(o)[b] - predicted[b]))
-        };
         let is_joint = self.estimator == Estimator::Joint;
-        let full = is_joint.then(|| self.refitted()).flatten();
-        let full = full.or_else(|| agreement(data.tracks, bands, &by_model));
-        let mut figures = vec![of_points(RAW, Some(raw)), of_points(FULL, full)];
+        let refitted = is_joint.then(|| self.refitted()).flatten();
+        let (full, left) = refitted.unwrap_or_else(|| self.physical(&self.by_model()));
+        let mut figures =
+            vec![of_points(RAW, Some(raw)), of_points(FULL, full), of_points(RESIDUAL, left)];
         let is_needed = !self.is_identified || full.is_none_or(|f| f > raw);
         if let Some(regions) = self.regions.filter(|_| is_needed) {
             let kept = frames_of(regions, MAX_JUDGED, |f| !is_held(f as u32));
@@ -158,8 +164,57 @@ impl Case<'_> {
         Some(Verdict { measure: VerdictMeasure::SamePoint, used: String::new(), frames, figures })
     }
 
-    /// Agreement by the joint solve without the held-out frames.
-    fn refitted(&self) -> Option<f64> {
+    /// Log light over that of the model.
+    fn by_model(&self) -> impl Fn(&Observation) -> Option<Bands> + Sync {
+        let (model, data) = (self.model.without_daylight(), *self.data);
+        move |o| {
+            let predicted = model.log_radiance(&data.path(o)?, Removal::FULL);
+            Some(std::array::from_fn(|b| f64::from(o.sample.log_color[b]) - predicted[b]))
+        }
+    }
+
+    /// Agreement by log light over that of a model, without and with the residual light of the
+    /// frames that are not held out.
+    fn physical(&self, log_ratio: &LogRatio<'_>) -> (Option<f64>, Option<f64>) {
+        let (data, bands) = (self.data, self.data.bands());
+        let full = agreement(data.tracks, bands, log_ratio);
+        let left = self.residual_of(log_ratio, |f| !is_held(f)).and_then(
+            |ResidualFit { light, .. }| {
+                let value = |o: &Observation| {
+                    let (x, y, range_m) = data.ray(&o.sample);
+                    let (ratio, left) = (log_ratio(o)?, light.log_light(x, y, range_m));
+                    Some(std::array::from_fn(|b| ratio[b] - left[b]))
+                };
+                agreement(data.tracks, bands, &value)
+            },
+        );
+        (full, left)
+    }
+
+    /// What a model leaves of the light of some frames.
+    fn residual_of(
+        &self,
+        log_ratio: &LogRatio<'_>,
+        wanted: impl Fn(u32) -> bool + Sync,
+    ) -> Option<ResidualFit> {
+        let data = self.data;
+        let view = |o: &Observation| {
+            let (x, y, range_m) = data.ray(&o.sample);
+            let log_ratio = log_ratio(o).filter(|ratio| ratio.iter().all(|v| v.is_finite()))?;
+            Some(View { place: (x, y), range_m, log_ratio })
+        };
+        let of_track = |t: &Track| t.iter().filter(|o| wanted(o.frame)).filter_map(view).collect();
+        let points = par_map(data.tracks.iter().collect(), of_track);
+        residual_fit::fit(&points, data.frames.len(), data.bands())
+    }
+
+    /// What the model leaves of the light.
+    fn residual(&self) -> Option<ResidualFit> {
+        self.residual_of(&self.by_model(), |_| true)
+    }
+
+    /// Agreement by the joint solve without the held-out frames, as `physical`.
+    fn refitted(&self) -> Option<(Option<f64>, Option<f64>)> {
         let (data, config) = (self.data, self.config);
         let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
         // Gains that were found are removed; a held-out frame determines none.
@@ -171,9 +226,11 @@ impl Case<'_> {
             .collect();
         let mut problem = Problem::new(&kept, &setup, data.lamps, &sample_path)?;
         let solution = problem.solve(ROUNDS)?;
-        agreement(data.tracks, setup.bands, &|o| {
+        let ratio = |o: &Observation| {
             Some(problem.reflectance_by(&solution, o, data.lamps, &sample_path)?.0)
-        })
+        };
+        let (full, left) = self.physical(&ratio);
+        full.map(|full| (Some(full), left))
     }
 
     /// Evenness over regions and frames.
@@ -181,6 +238,7 @@ impl Case<'_> {
         let regions = self.regions.filter(|r| r.has_enough(EmpiricalForm::FrameAverage))?;
         let all = frames_of(regions, MAX_JUDGED, |_| true);
         let raw = evenness(RAW, regions, &all, &|_, s| Some(s.log_light));
+        let light = self.residual();
         let model = self.model;
         let predicted = self.predicted(regions, model);
         let reflectance: Bands = std::array::from_fn(|b| {
@@ -191,14 +249,21 @@ impl Case<'_> {
             };
             stats::median(&all.iter().flat_map(|f| -> Vec<f64> { of(f) }).collect::<Vec<_>>())
         });
-        let full = evenness(FULL, regions, &all, &|f, s| {
+        let physical = |f: usize, s: &RegionSample, left: Bands| {
             let predicted = predicted[f][s.region]?;
-            let direct = std::array::from_fn(|b| predicted[b] + reflectance[b]);
+            let direct = std::array::from_fn(|b| predicted[b] + left[b] + reflectance[b]);
             Some(as_shown(s.log_light, direct, [0.0; 3], regions))
+        };
+        let full = evenness(FULL, regions, &all, &|f, s| physical(f, s, [0.0; 3]));
+        let left = light.map(|ResidualFit { light, .. }| {
+            evenness(RESIDUAL, regions, &all, &|f, s| {
+                let (x, y) = regions.grid.centre(s.region);
+                physical(f, s, light.log_light(x, y, s.range_m))
+            })
         });
         let of_form = |form: EmpiricalForm| held_out(regions, form);
         let forms = par_map(EmpiricalForm::ALL.to_vec(), of_form);
-        let figures = [raw, full].into_iter().chain(forms).collect();
+        let figures = [raw, full].into_iter().chain(left).chain(forms).collect();
         let frames = all.len();
         Some(Verdict { measure: VerdictMeasure::Evenness, used: String::new(), frames, figures })
     }
@@ -218,11 +283,11 @@ impl Case<'_> {
 }
 
 /// The first form, or the physical model (`None`), that no simpler one is better than.
-fn chosen(verdict: &Verdict, is_forced: bool) -> Option<EmpiricalForm> {
+fn chosen(verdict: &Verdict, physical: &str, is_forced: bool) -> Option<EmpiricalForm> {
     let measured = |name: &str| verdict.of(name).map_or(f64::INFINITY, VerdictFigures::score);
     let harmless =
         |name: &str| if does_harm(verdict, name) { f64::INFINITY } else { measured(name) };
-    let names = || EmpiricalForm::ALL.map(EmpiricalForm::name).into_iter().chain([FULL]);
+    let names = || EmpiricalForm::ALL.map(EmpiricalForm::name).into_iter().chain([physical]);
     let best_of = |score: &dyn Fn(&str) -> f64| names().map(score).fold(f64::INFINITY, f64::min);
     let has_harmless = best_of(&harmless) <= NO_HARM * best_of(&measured);
     let score = |name: &str| if has_harmless { harmless(name) } else { measured(name) };
@@ -243,7 +308,7 @@ fn chosen(verdict: &Verdict, is_forced: bool) -> Option<EmpiricalForm> {
         forms.retain(|form| *form != EmpiricalForm::Ranges);
     }
     let best = forms.iter().map(|form| score(form.name())).fold(f64::INFINITY, f64::min);
-    if !best.is_finite() || (!is_forced && BETTER * score(FULL) <= best) {
+    if !best.is_finite() || (!is_forced && BETTER * score(physical) <= best) {
         return None;
     }
     forms.into_iter().find(|form| BETTER * score(form.name()) <= best)
@@ -257,135 +322,6 @@ fn does_harm(verdict: &Verdict, name: &str) -> bool {
         raw.zip(is).is_some_and(|(raw, is)| is > WORSE.0 * raw + WORSE.1)
     };
     figures(raw).into_iter().zip(figures(corrected)).any(is_worse)
-}
-
-fn is_held(frame: u32) -> bool {
-    frame % EVERY == EVERY - 1
-}
-
-/// Frames of a kind, evenly spread if there are more than `most`.
-fn frames_of(regions: &Regions, most: usize, wanted: impl Fn(usize) -> bool) -> Vec<usize> {
-    let frames: Vec<usize> = (0..regions.frames.len()).filter(|f| wanted(*f)).collect();
-    let every = frames.len().div_ceil(most).max(1);
-    frames.into_iter().step_by(every).collect()
-}
-
-fn of_points(name: &str, agreement: Option<f64>) -> VerdictFigures {
-    VerdictFigures { name: name.into(), agreement, ..VerdictFigures::default() }
-}
-
-/// Robust spread of held-out views about the mean of the other views of their point, over the
-/// robust spread of the points; mean of the bands.
-fn agreement(
-    tracks: &[Track],
-    bands: usize,
-    value: &(dyn Fn(&Observation) -> Option<Bands> + Sync),
-) -> Option<f64> {
-    let (mut off, mut means) = (vec![Vec::new(); bands], vec![Vec::new(); bands]);
-    for track in tracks {
-        let views: Vec<(u32, Bands)> =
-            track.iter().filter_map(|o| Some((o.frame, value(o)?))).collect();
-        let seen: Vec<&Bands> =
-            views.iter().filter(|(f, _)| !is_held(*f)).map(|(_, v)| v).collect();
-        if seen.is_empty() || seen.len() == views.len() {
-            continue;
-        }
-        for b in 0..bands {
-            let mean = seen.iter().map(|v| v[b]).sum::<f64>() / seen.len() as f64;
-            means[b].push(mean);
-            let held = views.iter().filter(|(f, _)| is_held(*f));
-            off[b].extend(held.map(|(_, v)| v[b] - mean));
-        }
-    }
-    let of_band = |b: usize| {
-        let middle = stats::median(&means[b]);
-        let between: Vec<f64> = means[b].iter().map(|m| m - middle).collect();
-        stats::robust_std(&off[b]) / stats::robust_std(&between)
-    };
-    let is_enough = off.first().is_some_and(|off| off.len() >= MIN_VIEWS);
-    is_enough.then(|| (0..bands).map(of_band).sum::<f64>() / bands as f64)
-}
-
-/// Log of light over a model, backscatter removed with a soft floor.
-fn corrected(log_light: Bands, log_direct: Bands, scattered: Bands) -> Bands {
-    std::array::from_fn(|b| {
-        let light = (log_light[b] - log_direct[b]).exp() as f32;
-        let scattered = (scattered[b] / log_direct[b].exp()) as f32;
-        f64::from(limited::without_backscatter(light, scattered, 1.0).max(1e-9).ln())
-    })
-}
-
-/// The same with colour limited by signal to noise, as pass two does.
-fn as_shown(log_light: Bands, log_direct: Bands, scattered: Bands, regions: &Regions) -> Bands {
-    let value = corrected(log_light, log_direct, scattered);
-    let noise = |b: usize| regions.noise.hypot(limited::EMPIRICAL_BACKSCATTER_ERROR * scattered[b]);
-    let weights: [f32; 3] = std::array::from_fn(|b| {
-        limited::weight(log_direct[b].exp(), noise(b), SIGNAL_TO_NOISE) as f32
-    });
-    let mut pixel = value.map(|v| v.exp() as f32);
-    limited::shrink(&mut pixel[..regions.bands], &weights[..regions.bands], &[1.0; 3]);
-    pixel.map(|v| f64::from(v.max(1e-4)).ln())
-}
-
-/// Corrected log light of a sample of a frame.
-type Value<'v> =
-    dyn Fn(usize, &super::methods::empirical::RegionSample) -> Option<Bands> + Sync + 'v;
-
-/// Evenness of the regions that did not help to refine a range.
-fn evenness(name: &str, regions: &Regions, frames: &[usize], value: &Value<'_>) -> VerdictFigures {
-    let of_frame = |f: &usize| {
-        let judged = regions.frames[*f].iter().filter(|s| !regions.grid.refines(s.region));
-        judged.filter_map(|s| value(*f, s)).collect::<Vec<_>>()
-    };
-    figures(name, regions.bands, &frames.iter().flat_map(of_frame).collect::<Vec<_>>())
-}
-
-fn figures(name: &str, bands: usize, colors: &[Bands]) -> VerdictFigures {
-    let from_median = |of: &dyn Fn(&Bands) -> f64| {
-        let values: Vec<f64> = colors.iter().map(of).collect();
-        let middle = stats::median(&values);
-        values.into_iter().map(|v| v - middle).collect::<Vec<_>>()
-    };
-    let green = usize::from(bands == 3);
-    let light = stats::robust_std(&from_median(&|c| c[green]));
-    let (red, blue) = (from_median(&|c| c[0] - c[1]), from_median(&|c| c[2] - c[1]));
-    let is_colour = bands == 3;
-    let chroma = stats::robust_std(&red).max(stats::robust_std(&blue));
-    let off: Vec<f64> = red.iter().map(|v| v.abs()).collect();
-    VerdictFigures {
-        name: name.into(),
-        chroma: Some(if is_colour { chroma } else { 0.0 }),
-        light: (!colors.is_empty()).then_some(light),
-        worst: is_colour.then(|| stats::quantile(&off, 0.95)),
-        ..VerdictFigures::default()
-    }
-}
-
-/// Evenness of a form in segments that it was not fitted to.
-fn held_out(regions: &Regions, form: EmpiricalForm) -> VerdictFigures {
-    let nothing = VerdictFigures { name: form.name().into(), ..VerdictFigures::default() };
-    if !regions.has_enough(form) {
-        return nothing;
-    }
-    let count = regions.frames.len();
-    let rotation = |f: usize| f * SEGMENTS / count % ROTATIONS;
-    let mut colors = Vec::new();
-    for held_out in 0..ROTATIONS {
-        let all = frames_of(regions, MAX_JUDGED, |_| true);
-        let (held, kept): (Vec<_>, Vec<_>) =
-            all.into_iter().partition(|f| rotation(*f) == held_out);
-        let Some(fitted) = fit(regions, &kept, &held, form) else { return nothing };
-        for f in held {
-            for s in regions.frames[f].iter().filter(|s| !regions.grid.refines(s.region)) {
-                let (x, y) = regions.grid.centre(s.region);
-                let range_m = s.range_m * fitted.log_ranges[f].exp();
-                let (direct, scattered) = fitted.model.light(x, y, range_m);
-                let light = s.log_light.map(|v| v - fitted.log_gains[f]);
-                colors.push(as_shown(light, direct, scattered, regions));
-            }
-        }
-    }
-    figures(form.name(), regions.bands, &colors)
 }
 
 #[cfg(test)]
@@ -405,7 +341,7 @@ mod tests {
     #[test]
     fn the_first_correction_that_no_simpler_one_is_better_than_is_used() {
         use EmpiricalForm as F;
-        let choose = |scores: &[(&str, f64, f64)]| chosen(&verdict(scores), false);
+        let choose = |scores: &[(&str, f64, f64)]| chosen(&verdict(scores), FULL, false);
         let raw = ("raw", 0.5, 1.0);
         assert_eq!(choose(&[raw, ("full", 0.1, 0.1), ("backscatter", 0.1, 0.1)]), None);
         // A wrong model is worse than any other.

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AttenuationOverTime, BackscatterFile, BeamGrid, BeamPattern, CameraFile, DaylightFile,
-    EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, SpreadingModel,
-    TiltsFile, Verdict,
+    EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, ResidualLight,
+    SpreadingModel, TiltsFile, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
@@ -232,6 +232,9 @@ pub struct ModelFile {
     /// daylight on the seafloor; absent where the log shows none
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub daylight: Option<DaylightFile>,
+    /// what attenuation and beam pattern leave of the light, where they do not explain it
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_light: Option<ResidualLight>,
     /// light by regions of the image, where it corrects held-out frames better than attenuation and
     /// beam pattern
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -350,6 +353,7 @@ impl ModelFile {
             return Err(format!("attenuation_per_m = {alpha} is that of no water"));
         }
         file.imaging_model()?;
+        file.residual_light.as_ref().map_or(Ok(()), |r| r.check(bands))?;
         file.empirical.as_ref().map_or(Ok(()), |e| e.check(bands))?;
         if file.diagnostics.is_empty() {
             let because = file.not_identified_because.iter();
@@ -380,6 +384,7 @@ impl ModelFile {
             beam_pattern: self.beam_pattern.pattern()?,
             backscatter: self.backscatter.as_ref().map(BackscatterFile::backscatter),
             daylight: self.daylight.as_ref().map(DaylightFile::daylight),
+            residual: self.residual_light.clone().map(Arc::new),
             empirical: self.empirical.clone().map(Arc::new),
         })
     }

@@ -23,8 +23,10 @@ mod drift;
 mod empirical;
 mod file;
 mod frame_gain;
+mod image_grid;
 mod light_setting;
 pub mod limited;
+mod residual;
 mod verdict;
 
 pub use backscatter::{
@@ -43,7 +45,9 @@ pub use file::{
     ModelFile, MountCheckFile, RenderingFile, StrobeFile,
 };
 pub use frame_gain::FrameGainFile;
+pub use image_grid::ImageGrid;
 pub use light_setting::{LightLaw, LightSettingFile};
+pub use residual::ResidualLight;
 pub use verdict::{Verdict, VerdictFigures, VerdictMeasure};
 
 use std::sync::Arc;
@@ -98,6 +102,8 @@ pub struct ImagingModel {
     pub backscatter: Option<Backscatter>,
     /// daylight on the seafloor, where the log shows it
     pub daylight: Option<Daylight>,
+    /// what all of the above leave of the light, where they do not explain it
+    pub residual: Option<Arc<ResidualLight>>,
     /// light by regions of the image, which full correction uses instead of all of the above
     pub empirical: Option<Arc<EmpiricalModel>>,
 }

@@ -78,6 +78,9 @@ fn ensure_usable(shared: &ModelFile) -> Result<()> {
     if shared.empirical.is_some() {
         return refused("an empirical model has no beam pattern; give a physical one");
     }
+    if shared.residual_light.is_some() {
+        return refused("its beam pattern does not explain the light of its own dive");
+    }
     if shared.daylight.is_some() {
         return refused(
             "in the dive of the model daylight lit the seafloor; how much there is here, a beam \

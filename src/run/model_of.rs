@@ -20,8 +20,8 @@ use crate::image::transfer::Transfer;
 use crate::model::limited::without_backscatter;
 use crate::model::{
     AttenuationKind, BackscatterFile, BeamPatternFile, CameraFile, FORMAT, GainLawFile, GainsFile,
-    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, ResponseFile,
-    SpreadingModel, StrobeFile, VignettingFile,
+    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, ResidualLight,
+    ResponseFile, SpreadingModel, StrobeFile, VignettingFile,
 };
 use crate::session::survey::Survey;
 use crate::session::{CameraSession, Options};
@@ -54,13 +54,9 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     };
     let found = estimate_model(frames, tracks, &mounts, &settings, &config.estimate)?;
     let white_level = first.survey.white_level;
-    let (frames, lamps) = (&found.frames, found.strobe.lamps);
+    let frames = &found.frames;
     let empirical = found.judgement.empirical.as_ref();
-    let is_full = config.render.method == Method::Full;
-    let rendering = match empirical.filter(|_| is_full) {
-        Some(fit) => empirical_exposure(frames, fit, rig, (white_level, config)),
-        None => exposure(frames, &found.estimate.model, lamps, white_level, config),
-    };
+    let rendering = exposure_of(&found, rig, (white_level, config));
     let diagnostics = diagnostics(&found, first, options);
     let has_equal_beams =
         |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
@@ -85,6 +81,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         daylight: found.daylight.as_ref().map(|d| d.file(bands)),
         camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
         frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
+        residual_light: found.judgement.residual.as_ref().map(|fit| fit.light.clone()),
         empirical: empirical.map(|fit| fit.model.clone()),
         verdict: found.judgement.verdict.clone(),
         light_settings: found.followed.iter().map(setting).collect(),
@@ -241,6 +238,42 @@ pub fn exposure(
     estimate_rendering(&lit, model, white_level, &config.render)
 }
 
+/// Exposure and white balance of what corrects the frames.
+fn exposure_of(
+    found: &ModelEstimate,
+    rig: &Rig,
+    (white_level, config): (Option<u16>, &Config),
+) -> RenderingFile {
+    let (frames, lamps, judgement) = (&found.frames, found.strobe.lamps, &found.judgement);
+    let is_full = config.render.method == Method::Full;
+    let empirical = judgement.empirical.as_ref().filter(|_| is_full);
+    let residual = judgement.residual.as_ref().filter(|_| is_full);
+    match (empirical, residual) {
+        (Some(fit), _) => empirical_exposure(frames, fit, rig, (white_level, config)),
+        (None, Some(fit)) => {
+            let frames = without_residual(frames, &fit.light, rig);
+            exposure(&frames, &found.estimate.model, lamps, white_level, config)
+        }
+        (None, None) => exposure(frames, &found.estimate.model, lamps, white_level, config),
+    }
+}
+
+/// Samples without the light that a model leaves.
+fn without_residual(
+    frames: &[FrameSamples],
+    light: &ResidualLight,
+    rig: &Rig,
+) -> Vec<FrameSamples> {
+    let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
+    let mut without = frames.to_vec();
+    for (_, sample) in without.iter_mut().flat_map(|f| &mut f.grid) {
+        let (x, y, range_m) = camera.ray(sample);
+        let left = light.log_light(x, y, range_m);
+        sample.log_color.iter_mut().zip(left).for_each(|(log, left)| *log -= left as f32);
+    }
+    without
+}
+
 /// The same by the empirical model.
 fn empirical_exposure(
     frames: &[FrameSamples],
@@ -353,6 +386,7 @@ fn file_of(
         tilts: None,
         backscatter: None,
         daylight: None,
+        residual_light: None,
         empirical: None,
         verdict: None,
         frame_gains: Vec::new(),

@@ -261,6 +261,7 @@ impl<'s> Problem<'s> {
             beam_pattern: beam,
             backscatter: None,
             daylight,
+            residual: None,
             empirical: None,
         }
     }

@@ -28,6 +28,7 @@ fn truth(grid: BeamGrid, strobe_leg: f64) -> ImagingModel {
         beam_pattern: BeamPattern::from_nodes(grid, &nodes),
         backscatter: None,
         daylight: None,
+        residual: None,
         empirical: None,
     }
 }

@@ -42,7 +42,7 @@ fn assert_calibrated(what: &str, dive: &Dive, bound_per_m: f64, images: [f64; 3]
 fn a_camera_without_fault_selects_nothing() {
     let (v, _) = judged(&dive(201, Conditions::default()), &Options::default());
     assert_eq!((v.model.camera, v.model.geometry), (None, None));
-    assert!(v.model.frame_gains.is_empty());
+    assert!(v.model.frame_gains.is_empty() && v.model.residual_light.is_none());
 }
 
 #[test]
@@ -191,6 +191,23 @@ fn an_even_field_is_told_from_a_black_level_and_from_the_strobes() {
     let v = assert_calibrated("even field", &dive(215, even), 0.010, [1.04, 0.015, 0.01]);
     let found = v.model.backscatter.expect("backscatter");
     assert_eq!((found.source, v.model.camera), (ScatterSource::Uniform, None));
+}
+
+/// One beam pattern does not explain two lamps of unlike patterns; images are corrected all the
+/// same, and attenuation is not called identified.
+#[test]
+fn lamps_of_unlike_patterns_are_corrected() {
+    use crate::support::render::conditions::SecondLamp;
+    let dives = [("listed", 216, SecondLamp::Listed), ("not listed", 217, SecondLamp::Unlisted)];
+    for (what, seed, second_lamp) in dives {
+        let dive = dive(seed, Conditions { second_lamp, ..Conditions::default() });
+        let (v, evenness) = judged(&dive, &Options::default());
+        assert!(v.model.residual_light.is_some() && v.model.empirical.is_none(), "{what}");
+        assert!(!v.model.identified, "{what}: {:?}", v.attenuation_error_per_m);
+        assert_within(&format!("lamp {what}: flat"), evenness.flat, 1.1);
+        assert_within(&format!("lamp {what}: brightness over frames"), evenness.cv, 0.02);
+        assert_within(&format!("lamp {what}: hue over frames"), evenness.hue, 0.01);
+    }
 }
 
 /// What the log does not tell apart must show.

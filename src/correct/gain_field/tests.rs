@@ -9,7 +9,9 @@ use crate::image::decode::{CameraResponse, Coding};
 use crate::image::noise::Noise;
 use crate::image::transfer::Transfer;
 use crate::image::{Container, LinearImage};
-use crate::model::{BeamGrid, BeamPattern, ImagingModel, RenderingFile, SpreadingModel};
+use crate::model::{
+    BeamGrid, BeamPattern, ImageGrid, ImagingModel, RenderingFile, ResidualLight, SpreadingModel,
+};
 use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
 fn model() -> ImagingModel {
@@ -26,6 +28,7 @@ fn model() -> ImagingModel {
         over_time: Default::default(),
         backscatter: None,
         daylight: None,
+        residual: None,
         empirical: None,
     }
 }
@@ -124,5 +127,56 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         }
         assert!(worst < if pitch_deg < 60.0 { 1e-3 } else { 4e-3 }, "{worst} at {pitch_deg}°");
         assert!((off > 0) == (pitch_deg > 60.0), "{off} off the seafloor at {pitch_deg}°");
+    }
+}
+
+/// What the model leaves of the light is divided out once, at its own place and slant range.
+#[test]
+fn residual_light_is_divided_out() {
+    let residual = ResidualLight {
+        grid: ImageGrid { x: [-0.6, 0.6], y: [-0.4, 0.4], columns: 2, rows: 2 },
+        reference_m: 2.0,
+        range_m: [1.0, 4.0],
+        log_level: vec![vec![-0.1, 0.3, -0.1, 0.3]; 3],
+        slope_per_m: vec![vec![0.2; 4]; 3],
+        exponent: vec![vec![0.5; 4]; 3],
+    };
+    let plain = model();
+    let left = ImagingModel { residual: Some(std::sync::Arc::new(residual)), ..model() };
+    let (config, means, noise) = (RenderConfig::default(), MeanFrames::default(), noise());
+    let rendering = RenderingFile { gain: vec![1.0; 3], ..RenderingFile::default() };
+    let (width, height) = (320, 240);
+    let camera = Camera::from_field_of_view(width, height, 55.0);
+    let (plane, rig) = geometry(camera, 20.0);
+    let view = View { camera: &camera, rig: &rig, plane: &plane, terrain: None };
+    let gain_of = |model: &ImagingModel, x: usize, y: usize| {
+        let correction = Correction {
+            model,
+            rendering: &rendering,
+            config: &config,
+            glow: None,
+            means: &means,
+            clipped_above: 1.0,
+            roughness: model.beam_pattern.roughness(0.05),
+            electrons: Default::default(),
+        };
+        let light = FrameLight { noise: &noise, gain: 1.0, range_factor: 1.0, map: None };
+        let field = GainField::new(&correction, &view, (width, height), 3, light);
+        let mut image = LinearImage::new(width, height, 3);
+        image.pixels.fill(1.0);
+        let mut rows = GainRows::new(&field, None, 1.0);
+        for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
+            rows.go_to(y);
+            rows.multiply(row);
+        }
+        f64::from(image.at(x, y)[0])
+    };
+    for (x, y) in [(40, 200), (160, 120), (290, 60)] {
+        let range_m = view.light_path(x as f64, y as f64).expect("seafloor").seafloor_to_camera_m;
+        let (u, _) = camera.image_plane(x as f64, y as f64).expect("a ray");
+        let level = 0.1 + 0.2 * u / 0.3;
+        let expected = level - 0.2 * (range_m - 2.0) - 0.5 * (range_m / 2.0).ln();
+        let factor = gain_of(&plain, x, y) / gain_of(&left, x, y);
+        assert!((factor.ln() - expected).abs() < 2e-3, "{} {expected} at {x}, {y}", factor.ln());
     }
 }

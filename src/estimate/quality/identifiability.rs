@@ -120,6 +120,7 @@ mod tests {
             beam_pattern: BeamPattern::uniform(BeamGrid::new(9, 60.0)),
             backscatter: None,
             daylight: None,
+            residual: None,
             empirical: None,
         };
         Candidate {

@@ -59,6 +59,7 @@ fn model(grid: BeamGrid) -> ImagingModel {
         beam_pattern: BeamPattern::from_nodes(grid, &nodes),
         backscatter: None,
         daylight: None,
+        residual: None,
         empirical: None,
     }
 }

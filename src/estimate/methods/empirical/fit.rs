@@ -307,10 +307,7 @@ impl<'r> Fit<'r> {
         let grid = self.regions.grid;
         let model = EmpiricalModel {
             form: self.form,
-            x: grid.x.map(rounded),
-            y: grid.y.map(rounded),
-            columns: grid.columns,
-            rows: grid.rows,
+            grid: grid.rounded(),
             reference_m: rounded(self.reference_m),
             range_m: [
                 rounded(ranges().fold(f64::INFINITY, f64::min)),
@@ -331,6 +328,6 @@ impl<'r> Fit<'r> {
 }
 
 /// To seven decimals, as in the file.
-fn rounded(v: f64) -> f64 {
+pub fn rounded(v: f64) -> f64 {
     (v * 1e7).round() / 1e7
 }

@@ -1,10 +1,11 @@
 //! Mean light of regions of the image, frame by frame. Dark regions stay in, as they show
 //! backscatter; clipped ones are left out.
 
+use super::fit::rounded;
 use crate::coordinates::{Body, Optical, Transform};
 use crate::estimate::samples::FrameSamples;
 use crate::image::Bands;
-use crate::model::EmpiricalForm;
+use crate::model::{EmpiricalForm, ImageGrid};
 use crate::solver::Sample;
 
 /// Most regions across and down.
@@ -67,6 +68,12 @@ impl RegionGrid {
             let ((row, down), (column, across)) = (rows[k / 2], columns[k % 2]);
             (row * self.columns + column, down * across)
         })
+    }
+
+    /// As in the file.
+    pub fn rounded(&self) -> ImageGrid {
+        let (x, y) = (self.x.map(rounded), self.y.map(rounded));
+        ImageGrid { x, y, columns: self.columns, rows: self.rows }
     }
 
     /// Centre of a region.
