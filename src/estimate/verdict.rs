@@ -33,6 +33,8 @@ const BETTER: f64 = 0.9;
 /// What the physical model leaves of the light is used if agreement is better by this factor with
 /// it, and by the second where attenuation is identified.
 const LEFT: [f64; 2] = [0.9, 0.75];
+/// … and there by this share of the spread between points, too: a part of a per cent of the light.
+const LEAST_LEFT: f64 = 0.01;
 /// Refined ranges are used if they make both colour and brightness of held-out frames more even by
 /// this factor than the given ranges do: otherwise they follow the seafloor.
 const BETTER_RANGES: f64 = 0.85;
@@ -103,7 +105,8 @@ impl Case<'_> {
         let full = verdict.of(FULL).map_or(f64::INFINITY, VerdictFigures::score);
         let raw = verdict.of(RAW).map_or(f64::INFINITY, VerdictFigures::score);
         let left = verdict.of(RESIDUAL).map_or(f64::INFINITY, VerdictFigures::score);
-        let leaves_light = left < LEFT[usize::from(is_identified)] * full;
+        let least = if is_identified { LEAST_LEFT } else { 0.0 };
+        let leaves_light = left < LEFT[usize::from(is_identified)] * full - least;
         let physical = if leaves_light { RESIDUAL } else { FULL };
         let residual = || if leaves_light { self.residual() } else { None };
         if !is_forced && (is_chosen || (is_identified && full <= raw)) {
