@@ -1,7 +1,7 @@
 """unwater against a bare transcode and against the same method in NumPy/OpenCV, side by side in one run; prints Markdown.
 
     pip install -r benches/requirements.txt
-    python benches/compare.py [--frames N] [--size WxH] [--threads N] [--rounds R] [--numpy-frames N] [--large-frames N]
+    python benches/compare.py [--frames N] [--size WxH] [--kind jpeg|jpeg420] [--threads N] [--rounds R] [--numpy-frames N] [--large-frames N]
                               [--unwater PATH] [--long-log PATH] [--keep DIR] [--json FILE]
 
 Builds the release binaries unless both are given, makes the logs, and lets the parties run in turn, round by round. CPU seconds are user
@@ -115,9 +115,10 @@ class Bench:
         self.options, self.folder, self.parties, self.made = options, folder, {}, {}
         self.width, self.height = (int(n) for n in options.size.lower().split("x"))
 
-    def log(self, name, frames, size=None, kind="jpeg", distinct=24):
+    def log(self, name, frames, size=None, kind=None, distinct=24):
+        kind = kind or self.options.kind
         width, height = size or (self.width, self.height)
-        path = self.folder / f"{name}-{frames}x{width}x{height}.mcap"
+        path = self.folder / f"{name}-{kind}-{frames}x{width}x{height}.mcap"
         if not path.exists():
             note(f"making {path.name}")
             subprocess.run([str(w) for w in (self.options.long_log, path, frames, width, height, kind, distinct)], check=True)
@@ -300,6 +301,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--size", default="1344x1008")
+    parser.add_argument("--kind", choices=["jpeg", "jpeg420"], default="jpeg", help="chroma of the JPEGs: 4:4:4 or 4:2:0")
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--numpy-frames", type=int, default=24, help="0 leaves it out")

@@ -160,8 +160,10 @@ impl Scene {
             noise: &noise,
             rectified: None,
         };
-        out.clear();
-        correction.apply(&frame, |row| table.encode_row(row, out));
+        out.resize(3 * SIZE.0 * SIZE.1, 0);
+        let mut rows = out.chunks_exact_mut(3 * SIZE.0);
+        correction
+            .apply(&frame, |row| rows.next().map(|out| table.encode_row(row, 3, out)).unwrap());
     }
 }
 

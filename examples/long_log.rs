@@ -1,10 +1,9 @@
 //! A log as long and as large as one likes, to measure on: a rendered dive, over and over.
 //!
-//! cargo run --release --example long_log -- OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|bayer16
-//! [DISTINCT]]]
+//! cargo run --release --example long_log -- OUT.mcap FRAMES [WIDTH HEIGHT [KIND [DISTINCT]]]
 //!
-//! Frames are rendered once (`DISTINCT` of them, 24 by default: one swing of the altitude) and
-//! repeated with later stamps.
+//! KIND: jpeg (quality 92, 4:4:4), jpeg420 (the same, 4:2:0), bayer16. Frames are rendered once
+//! (`DISTINCT` of them, 24 by default: one swing of the altitude) and repeated with later stamps.
 #[path = "../tests/it/support/mod.rs"]
 mod support;
 
@@ -19,15 +18,15 @@ fn main() {
     let number =
         |i: usize, default: usize| words.get(i).map_or(default, |w| w.parse().expect("a number"));
     let [path, frames, ..] = words.as_slice() else {
-        eprintln!("long_log OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|bayer16 [DISTINCT]]]");
+        eprintln!("long_log OUT.mcap FRAMES [WIDTH HEIGHT [jpeg|jpeg420|bayer16 [DISTINCT]]]");
         std::process::exit(2);
     };
     let frames: usize = frames.parse().expect("a number of frames");
     let (width, height, distinct) = (number(2, 1344), number(3, 1008), number(5, 24).min(frames));
-    let sensor = if words.get(4).is_some_and(|w| w == "bayer16") {
-        Sensor::Bayer16
-    } else {
-        Sensor::Jpeg(92)
+    let sensor = match words.get(4).map(String::as_str) {
+        Some("bayer16") => Sensor::Bayer16,
+        Some("jpeg420") => Sensor::Jpeg420(92),
+        _ => Sensor::Jpeg(92),
     };
     let once = PathBuf::from(format!("{path}.once"));
     // As sharp to the camera as the small dives of the tests: the same field of view.

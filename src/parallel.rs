@@ -63,28 +63,6 @@ impl Threads {
             None => act(&PipelineScope(None)),
         }
     }
-
-    /// Runs `background` on the pool while `act` runs on the caller's thread; one after the other
-    /// with a single thread.
-    pub fn overlap<A: Send, B>(
-        &self,
-        background: impl FnOnce() -> A + Send,
-        act: impl FnOnce() -> B,
-    ) -> (A, B) {
-        let Some(pool) = &self.0 else {
-            let done = act();
-            return (background(), done);
-        };
-        let mut result = None;
-        let done = pool.in_place_scope(|scope| {
-            scope.spawn(|_| result = Some(background()));
-            act()
-        });
-        match result {
-            Some(result) => (result, done),
-            None => unreachable!("the scope waits for its tasks"),
-        }
-    }
 }
 
 /// The scope in which stages spawn their work.

@@ -270,10 +270,10 @@ impl<'g> GainField<'g> {
             if row % every == 0 {
                 cells = (0..smooth.columns).map(|column| is_smooth(row / every, column)).collect();
             }
-            for (column, parts) in line.chunks_exact(fields).enumerate() {
+            for column in 0..columns {
                 let node = row * columns + column;
                 if cells[column / every] {
-                    let values = self.interpolated(parts);
+                    let values = self.interpolated(|part| line[part * columns + column]);
                     self.set(node, &values, sums);
                 } else {
                     self.fill_exact(node, false, sums);
@@ -283,17 +283,17 @@ impl<'g> GainField<'g> {
     }
 
     /// A node from its smooth parts: only the beam pattern is looked up.
-    fn interpolated(&self, parts: &[f32]) -> Evaluated {
+    fn interpolated(&self, part: impl Fn(usize) -> f32) -> Evaluated {
         let bands = self.bands;
-        let angles = StrobeAngles { theta_rad: f64::from(parts[0]), phi_rad: f64::from(parts[1]) };
+        let angles = StrobeAngles { theta_rad: f64::from(part(0)), phi_rad: f64::from(part(1)) };
         let (log_beam, is_seen) = self.correction.model.beam_pattern.read(angles);
         let has_beam = self.removal.beam && self.empirical.is_none();
         let is_seen = is_seen || self.empirical.is_some();
         let log_beam = if has_beam { log_beam as f32 } else { 0.0 };
         let factor = std::array::from_fn(|b| {
-            if b < bands { (-log_beam - parts[2 + b]).min(MAX_LOG_GAIN).exp() } else { 0.0 }
+            if b < bands { (-log_beam - part(2 + b)).min(MAX_LOG_GAIN).exp() } else { 0.0 }
         });
-        let scattered = std::array::from_fn(|b| if b < bands { parts[2 + bands + b] } else { 0.0 });
+        let scattered = std::array::from_fn(|b| if b < bands { part(2 + bands + b) } else { 0.0 });
         Evaluated { factor, scattered, is_seen }
     }
 

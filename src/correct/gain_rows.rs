@@ -5,7 +5,8 @@ use super::mask;
 use super::node_grid::{NodeGrid, RowWalker, between};
 use crate::image::demosaic::BayerPattern;
 use crate::image::noise::Noise;
-use crate::model::limited::{shrink, without_backscatter};
+use crate::image::vectorised;
+use crate::model::limited::{shrink, shrink_row, without_backscatter};
 
 /// Signal and noise are compared at so many pixels along a row …
 const SIGNAL_SAMPLES_ACROSS: usize = 64;
@@ -66,20 +67,58 @@ impl<'g> GainRows<'g> {
         for x in field.uneven_pixels(y) {
             let (_, light) = field.gain(x, y);
             for b in 0..self.stored {
-                self.scattered_row[x * self.stored + b] = light[self.band(x, b)];
+                self.scattered_row[b * field.width + x] = light[self.band(x, b)];
             }
         }
     }
 
     /// Removes backscatter and multiplies by the gains of the current row over the frame's own.
     pub fn multiply(&mut self, light: &mut [f32]) {
-        let (field, stored, y) = (self.field, self.stored, self.y);
+        let (stored, y, width) = (self.stored, self.y, self.field.width);
         let per_gain = 1.0 / self.frame_gain as f32;
+        let exact = self.exact_pixels(light, per_gain);
+        // Of even and odd pixels.
+        let levels: [[f32; 2]; 3] =
+            std::array::from_fn(|b| [0, 1].map(|x| self.levels[self.band(x, b)]));
+        let (above, below, share) = self.gains.around(y);
+        if self.scattered_row.is_empty() {
+            vectorised(
+                #[inline(always)]
+                || {
+                    for ((v, a), b) in light.iter_mut().zip(above).zip(below) {
+                        *v = *v * per_gain * between(*a, *b, share);
+                    }
+                },
+            );
+        } else {
+            let bands = light.chunks_exact_mut(width).zip(self.scattered_row.chunks_exact(width));
+            let gains = above.chunks_exact(width).zip(below.chunks_exact(width));
+            for (((light, scattered), (above, below)), levels) in bands.zip(gains).zip(levels) {
+                vectorised(
+                    #[inline(always)]
+                    || {
+                        let values = light.iter_mut().zip(scattered).zip(above.iter().zip(below));
+                        for (x, ((v, scattered), (a, b))) in values.enumerate() {
+                            let (gain, level) = (between(*a, *b, share), levels[x % 2]);
+                            *v = without_backscatter(*v * per_gain * gain, scattered * gain, level);
+                        }
+                    },
+                );
+            }
+        }
+        for (x, pixel) in exact {
+            (0..stored).for_each(|b| light[b * width + x] = pixel[b]);
+        }
+    }
+
+    /// Pixels of the current row whose gain is not interpolated, by column.
+    fn exact_pixels(&self, light: &[f32], per_gain: f32) -> Vec<(usize, [f32; 3])> {
+        let (field, stored, y) = (self.field, self.stored, self.y);
         let exact = |x: usize| {
             let (gain, _) = field.gain(x, y);
             let value = |b: usize| {
                 if b < stored {
-                    let (band, at) = (self.band(x, b), x * stored + b);
+                    let (band, at) = (self.band(x, b), b * field.width + x);
                     let scattered = self.scattered_row.get(at).copied().unwrap_or(0.0);
                     let corrected = light[at] * per_gain * gain[band];
                     without_backscatter(corrected, scattered * gain[band], self.levels[band])
@@ -89,24 +128,7 @@ impl<'g> GainRows<'g> {
             };
             (x, std::array::from_fn::<f32, 3, _>(value))
         };
-        let exact: Vec<(usize, [f32; 3])> = field.uneven_pixels(y).map(exact).collect();
-        let (above, below, share) = self.gains.around(y);
-        let interpolated = light.iter_mut().zip(above).zip(below);
-        if self.scattered_row.is_empty() {
-            interpolated.for_each(|((v, a), b)| *v = *v * per_gain * between(*a, *b, share));
-        } else {
-            let (mosaic, levels) = (self.mosaic, &self.levels);
-            let band = |i: usize| mosaic.map_or(i % stored, |pattern| pattern.band(i, y));
-            let scattered = interpolated.zip(&self.scattered_row).enumerate();
-            scattered.for_each(|(i, (((v, a), b), scattered))| {
-                let gain = between(*a, *b, share);
-                let level = levels[band(i)];
-                *v = without_backscatter(*v * per_gain * gain, scattered * gain, level);
-            });
-        }
-        for (x, pixel) in exact {
-            light[x * stored..][..stored].copy_from_slice(&pixel[..stored]);
-        }
+        field.uneven_pixels(y).map(exact).collect()
     }
 
     /// Samples the current row sparsely: how many pixels show the seafloor with less light than
@@ -125,9 +147,9 @@ impl<'g> GainRows<'g> {
         let (mut low, mut sampled) = (0, 0);
         for x in (0..field.width / every).map(|column| column * every + column % 2) {
             let is_low = |b: usize| {
-                let measured = f64::from(raw[x * stored + b]);
+                let measured = f64::from(raw[b * field.width + x]);
                 // Backscatter is the neighbours', which do not have this frame's gain.
-                let scattered = self.scattered_row.get(x * stored + b).copied().unwrap_or(0.0);
+                let scattered = self.scattered_row.get(b * field.width + x).copied().unwrap_or(0.0);
                 let light = measured - self.frame_gain * f64::from(scattered);
                 let is_within = |std: f64| light < min_signal_to_noise * std;
                 // Most light is far above any noise.
@@ -146,8 +168,6 @@ impl<'g> GainRows<'g> {
 pub struct Shrinkage<'g> {
     field: &'g GainField<'g>,
     walker: RowWalker<'g>,
-    /// weights of the current row
-    weights: Vec<f32>,
     levels: [f32; 3],
     /// rows of nodes with a weight below 1
     is_weak: Vec<bool>,
@@ -164,7 +184,6 @@ impl<'g> Shrinkage<'g> {
         is_weak.contains(&true).then(|| Self {
             field,
             walker: RowWalker::new(nodes, field.width, None),
-            weights: vec![0.0; field.width * nodes.bands],
             levels: signal.levels(field.correction.rendering),
             is_weak,
         })
@@ -177,17 +196,32 @@ impl<'g> Shrinkage<'g> {
         if !self.is_weak[top] && !self.is_weak[(top + 1).min(rows - 1)] {
             return;
         }
-        let bands = self.field.bands;
-        self.walker.row(y, &mut self.weights);
-        for x in self.field.uneven_pixels(y) {
-            let weights = self.field.exact_weights(x, y);
-            self.weights[x * bands..][..bands].copy_from_slice(&weights[..bands]);
-        }
-        for (pixel, weights) in row.chunks_exact_mut(bands).zip(self.weights.chunks_exact(bands)) {
+        let (field, levels) = (self.field, &self.levels);
+        let (width, bands) = (field.width, field.bands);
+        let exact = |x: usize| {
+            let (weights, mut pixel) = (field.exact_weights(x, y), [0f32; 3]);
+            (0..bands).for_each(|b| pixel[b] = row[b * width + x]);
             // Off the seafloor there is nothing to show.
-            if weights.iter().any(|w| *w < 1.0) && weights[0] >= 0.0 {
-                shrink(pixel, weights, &self.levels);
+            if weights[0] >= 0.0 {
+                shrink(&mut pixel[..bands], &weights[..bands], levels);
             }
+            (x, pixel)
+        };
+        let exact: Vec<(usize, [f32; 3])> = field.uneven_pixels(y).map(exact).collect();
+        let rows = self.walker.around(y);
+        if bands == 3 {
+            shrink_row(row, rows, levels);
+        } else {
+            let (above, below, share) = rows;
+            for (v, (a, b)) in row.iter_mut().zip(above.iter().zip(below)) {
+                let weight = between(*a, *b, share);
+                if weight >= 0.0 {
+                    shrink(std::slice::from_mut(v), &[weight], levels);
+                }
+            }
+        }
+        for (x, pixel) in exact {
+            (0..bands).for_each(|b| row[b * width + x] = pixel[b]);
         }
     }
 }

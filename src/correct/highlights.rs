@@ -31,7 +31,8 @@ impl Highlights {
         Self { pattern, bands, first: 0, rows: VecDeque::new(), restored: 0, merged: Vec::new() }
     }
 
-    /// Adds row `y` of raw light, in order; `is_clipped` is false where no value is.
+    /// Adds row `y` of raw light, in order, band after band; `is_clipped` is false where no value
+    /// is.
     pub fn push(&mut self, y: usize, row: &[f32], level: f32, is_clipped: bool) {
         if self.rows.len() == KEPT {
             self.rows.pop_front();
@@ -40,21 +41,23 @@ impl Highlights {
         if !is_clipped {
             return self.rows.push_back(Vec::new());
         }
-        let bits: Vec<u8> = match self.pattern {
-            Some(pattern) => {
-                let bit = |(x, v): (usize, &f32)| u8::from(*v >= level) << pattern.band(x, y);
-                row.iter().enumerate().map(bit).collect()
+        let bands = if self.pattern.is_some() { 1 } else { self.bands };
+        let width = row.len() / bands;
+        let mut bits = vec![0u8; width];
+        for (b, of_band) in row.chunks_exact(width).enumerate() {
+            // Even and odd columns.
+            let marks = match self.pattern {
+                Some(pattern) => [1 << pattern.band(0, y), 1 << pattern.band(1, y)],
+                None => [1 << b; 2],
+            };
+            for (x, (bits, v)) in bits.iter_mut().zip(of_band).enumerate() {
+                *bits |= if *v >= level { marks[x % 2] } else { 0 };
             }
-            None => {
-                let bit = |(b, v): (usize, &f32)| u8::from(*v >= level) << b;
-                let bits = |pixel: &[f32]| pixel.iter().enumerate().map(bit).sum();
-                row.chunks_exact(self.bands).map(bits).collect()
-            }
-        };
+        }
         self.rows.push_back(if bits.iter().any(|b| *b != 0) { bits } else { Vec::new() });
     }
 
-    /// Restores row `y` of corrected light, all bands. `level`: that of the median seafloor.
+    /// Restores row `y` of corrected light, band after band. `level`: that of the median seafloor.
     pub fn restore(&mut self, y: usize, row: &mut [f32], level: f32) {
         if self.bands < 2 {
             return;
@@ -71,10 +74,22 @@ impl Highlights {
             }
         }
         let last = self.merged.len().saturating_sub(1);
-        for (x, pixel) in row.chunks_exact_mut(self.bands).enumerate().take(self.merged.len()) {
+        let width = row.len() / self.bands;
+        for x in 0..self.merged.len() {
             let around = x.saturating_sub(reach)..=(x + reach).min(last);
-            let bits = self.merged[around].iter().fold(0, |all, bits| all | bits);
-            self.restored += usize::from(bits != 0 && restore(pixel, bits, level));
+            let bits = match reach {
+                0 => self.merged[x],
+                _ => self.merged[around].iter().fold(0, |all, bits| all | bits),
+            };
+            if bits == 0 {
+                continue;
+            }
+            let mut pixel: [f32; 3] =
+                std::array::from_fn(|b| if b < self.bands { row[b * width + x] } else { 0.0 });
+            if restore(&mut pixel[..self.bands], bits, level) {
+                self.restored += 1;
+                (0..self.bands).for_each(|b| row[b * width + x] = pixel[b]);
+            }
         }
     }
 }
@@ -117,9 +132,9 @@ mod tests {
     fn a_clipped_pixel_of_a_mosaic_counts_around_it() {
         let mut highlights = Highlights::new(Some(BayerPattern::Rggb), 3);
         let restored_in = |highlights: &mut Highlights, y: usize| {
-            let mut row = [1.5f32, 0.9, 0.9].repeat(8);
+            let mut row = [[1.5f32; 8], [0.9; 8], [0.9; 8]].concat();
             highlights.restore(y, &mut row, 0.2);
-            row.chunks_exact(3).filter(|pixel| pixel[1] == 1.2).count()
+            row[8..16].iter().filter(|green| **green == 1.2).count()
         };
         let mut counts = Vec::new();
         for y in 0..8 {

@@ -27,7 +27,8 @@ pub struct LightMap {
 }
 
 impl LightMap {
-    /// Of the pixel values of a frame; `balance` divides a row by the bands' own gains.
+    /// Of the pixel values of a frame; `balance` divides a row, band after band, by
+    /// the bands' own gains.
     pub fn of(
         codes: &PixelValues<'_>,
         flat_field: Option<&FlatField>,
@@ -39,16 +40,16 @@ impl LightMap {
         let mut counts = vec![[0usize; 3]; columns * rows];
         let mut row = vec![0f32; width * stored];
         for y in (0..height).filter(|y| y % STEP < 2) {
-            codes.linear_row(y, &mut row);
+            codes.linear_bands(y, &mut row);
             if let Some(flat) = flat_field {
-                flat.divide_row(y, codes.mosaic, &mut row);
+                flat.divide_bands(y, codes.mosaic, &mut row);
             }
             balance(y, &mut row);
             for x in (0..width).filter(|x| x % STEP < 2) {
                 let cell = y * rows / height * columns + x * columns / width;
                 for b in 0..stored {
                     let band = codes.mosaic.map_or(b, |pattern| pattern.band(x, y));
-                    cells[cell][band] += f64::from(row[x * stored + b]);
+                    cells[cell][band] += f64::from(row[b * width + x]);
                     counts[cell][band] += 1;
                 }
             }

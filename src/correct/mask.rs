@@ -36,14 +36,12 @@ impl ClippingMask {
         }
     }
 
-    /// Marks pixels of row `y` that reach `level`, and those that are demosaiced from them.
+    /// Marks pixels of row `y`, band after band, that reach `level`, and those that are demosaiced
+    /// from them.
     pub fn mark_row(&mut self, y: usize, light: &[f32], level: f32) {
         let Self { width, height, reach, .. } = *self;
-        for (x, _) in light
-            .chunks_exact(light.len() / width)
-            .enumerate()
-            .filter(|(_, pixel)| pixel.iter().any(|v| *v >= level))
-        {
+        let is_clipped = |x: &usize| light.iter().skip(*x).step_by(width).any(|v| *v >= level);
+        for x in (0..width).filter(is_clipped) {
             for row in y.saturating_sub(reach)..(y + reach + 1).min(height) {
                 self.bits[row * width + x.saturating_sub(reach)
                     ..row * width + (x + reach + 1).min(width)]

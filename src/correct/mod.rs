@@ -32,7 +32,7 @@ use crate::image::decode::PixelValues;
 use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
-use crate::image::{Bands, LinearImage, max_value};
+use crate::image::{Bands, LinearImage, interleaved, vectorised};
 use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain_field::GainField;
@@ -116,11 +116,11 @@ pub struct Frame<'f> {
 }
 
 impl Frame<'_> {
-    /// Divides a row by each band's own gain.
+    /// Divides a row, band after band, by each band's own gain.
     fn balance_row(&self, y: usize, row: &mut [f32]) {
         let per_band = self.balance.map(|own| 1.0 / own as f32);
-        for (x, pixel) in row.chunks_exact_mut(self.codes.stored_bands()).enumerate() {
-            for (b, value) in pixel.iter_mut().enumerate() {
+        for (b, of_band) in row.chunks_exact_mut(self.codes.width).enumerate() {
+            for (x, value) in of_band.iter_mut().enumerate() {
                 *value *= per_band[self.codes.mosaic.map_or(b, |pattern| pattern.band(x, y))];
             }
         }
@@ -136,14 +136,24 @@ pub struct Corrected {
     pub facts: FrameFacts,
 }
 
-/// Pixels of a row with a band that reaches a level.
+/// Pixels of a row, band after band, with a band that reaches a level.
 fn reaching(row: &[f32], bands: usize, level: f32) -> usize {
-    // Most rows have none, and their maximum is found many values at a time.
-    if max_value(row) >= level {
-        row.chunks_exact(bands).filter(|p| p.iter().any(|v| *v >= level)).count()
-    } else {
-        0
-    }
+    let width = row.len() / bands;
+    let (first, rest) = row.split_at(width);
+    let count = match bands {
+        3 => {
+            let others = rest[..width].iter().zip(&rest[width..]);
+            let reaches = |(a, (b, c)): (&f32, (&f32, &f32))| {
+                u32::from((*a >= level) | (*b >= level) | (*c >= level))
+            };
+            vectorised(
+                #[inline(always)]
+                || first.iter().zip(others).map(reaches).sum::<u32>(),
+            )
+        }
+        _ => first.iter().map(|v| u32::from(*v >= level)).sum(),
+    };
+    count as usize
 }
 
 /// Counts over the pixels of a frame.
@@ -159,7 +169,7 @@ struct Counts {
 impl Correction<'_> {
     /// Corrects one frame, row by row from pixel values to light where 1 is white: a mosaic first,
     /// while each pixel is one band, then all bands. `take` receives the rows of the corrected
-    /// image in order; it may change them.
+    /// image in order, band after band; it may change them.
     pub fn apply(&self, frame: &Frame<'_>, mut take: impl FnMut(&mut [f32])) -> Corrected {
         let Frame { codes, view, .. } = *frame;
         let (width, height, bands) = (codes.width, codes.height, codes.bands());
@@ -185,14 +195,17 @@ impl Correction<'_> {
                 bands,
                 pixels: Vec::with_capacity(width * height * bands),
             };
-            let collect = |row: &mut [f32]| whole.pixels.extend_from_slice(row);
+            let collect = |row: &mut [f32]| whole.pixels.extend(interleaved(row, bands));
             mask = self.rows(frame, &field, &mut counts, collect);
             baselines::apply(self.config.method, &mut whole, self.means, view.camera_altitude_m());
             if let Some(camera) = frame.rectified {
                 whole = rectified(&whole, view.camera, camera);
                 mask = mask.map(|mask| mask::rectify(&mask, view.camera, camera));
             }
-            whole.pixels.chunks_exact_mut(whole.width * bands).for_each(finish);
+            // The other way round.
+            let row = |pixels: &[f32]| interleaved(pixels, whole.width).collect::<Vec<f32>>();
+            let rows = whole.pixels.chunks_exact(whole.width * bands);
+            rows.for_each(|pixels| finish(&mut row(pixels)));
         } else {
             mask = self.rows(frame, &field, &mut counts, &mut finish);
         }
@@ -237,9 +250,9 @@ impl Correction<'_> {
         };
         let mut row = vec![0f32; width * stored];
         for y in 0..height {
-            codes.linear_row(y, &mut row);
+            codes.linear_bands(y, &mut row);
             if let Some(flat) = flat_field {
-                flat.divide_row(y, codes.mosaic, &mut row);
+                flat.divide_bands(y, codes.mosaic, &mut row);
             }
             if frame.balance != [1.0; 3] && !is_baseline {
                 frame.balance_row(y, &mut row);

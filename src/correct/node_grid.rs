@@ -1,9 +1,11 @@
 //! Values on a coarse grid over an image, bilinear in between, given row by row.
 //!
 //! A row of nodes is spread over its pixels once, and the rows of pixels down to the next one are
-//! mixtures of two such rows: a multiplication and an addition per value, in loops that vectorise.
+//! mixtures of two such rows: a multiplication and an addition per value. In rows the bands follow
+//! one another, so that loops vectorise.
 
 use crate::image::demosaic::BayerPattern;
+use crate::image::vectorised;
 
 /// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the
 /// picture's edge or beyond it.
@@ -54,11 +56,12 @@ impl NodeGrid {
 }
 
 /// Linear between two values.
+#[inline(always)]
 pub fn between(a: f32, b: f32, share: f32) -> f32 {
     a + (b - a) * share
 }
 
-/// Interpolates the rows of an image from top to bottom.
+/// Interpolates the rows of an image from top to bottom, band after band.
 pub struct RowWalker<'n> {
     nodes: &'n NodeGrid,
     width: usize,
@@ -95,24 +98,13 @@ impl<'n> RowWalker<'n> {
         if self.top != Some(top) {
             let follows = top > 0 && self.top == Some(top - 1);
             for parity in 0..if self.mosaic.is_some() { 2 } else { 1 } {
+                let bands = self.bands_of_row(parity);
                 if follows {
                     std::mem::swap(&mut self.above[parity], &mut self.below[parity]);
                 } else {
-                    spread(
-                        self.nodes,
-                        top,
-                        self.bands_of_row(parity),
-                        self.width,
-                        &mut self.above[parity],
-                    );
+                    self.spread(top, bands, parity, true);
                 }
-                spread(
-                    self.nodes,
-                    top + 1,
-                    self.bands_of_row(parity),
-                    self.width,
-                    &mut self.below[parity],
-                );
+                self.spread(top + 1, bands, parity, false);
             }
             self.top = Some(top);
         }
@@ -121,13 +113,35 @@ impl<'n> RowWalker<'n> {
         (&self.above[parity], &self.below[parity], share)
     }
 
+    fn spread(&mut self, row: usize, bands: Option<[usize; 2]>, parity: usize, is_above: bool) {
+        let rows = if is_above { &mut self.above } else { &mut self.below };
+        let (nodes, width, out) = (self.nodes, self.width, &mut rows[parity]);
+        vectorised(
+            #[inline(always)]
+            || spread(nodes, row, bands, width, out),
+        );
+    }
+
     /// Bands of even and odd pixels of a mosaic's row.
     fn bands_of_row(&self, parity: usize) -> Option<[usize; 2]> {
         self.mosaic.map(|phase| [phase.band(0, parity), phase.band(1, parity)])
     }
 }
 
+/// One band of a row of nodes over all pixels.
+#[inline(always)]
+fn spread_band(nodes: &NodeGrid, row: usize, band: usize, out: &mut [f32]) {
+    let (step, per_step) = (nodes.step, 1.0 / nodes.step as f32);
+    for (column, cell) in out.chunks_mut(step).enumerate() {
+        let (left, right) = (nodes.at(row, column)[band], nodes.at(row, column + 1)[band]);
+        for (k, v) in cell.iter_mut().enumerate() {
+            *v = between(left, right, k as f32 * per_step);
+        }
+    }
+}
+
 /// One row of nodes over all pixels.
+#[inline(always)]
 fn spread(
     nodes: &NodeGrid,
     row: usize,
@@ -135,15 +149,21 @@ fn spread(
     width: usize,
     out: &mut [f32],
 ) {
-    let (step, bands) = (nodes.step, nodes.bands);
-    let stored = if row_bands.is_some() { 1 } else { bands };
-    for (column, cell) in out[..width * stored].chunks_mut(step * stored).enumerate() {
-        let (left, right) = (nodes.at(row, column), nodes.at(row, column + 1));
-        for (k, pixel) in cell.chunks_exact_mut(stored).enumerate() {
-            let share = k as f32 / step as f32;
-            for (b, v) in pixel.iter_mut().enumerate() {
-                let band = row_bands.map_or(b, |row_bands| row_bands[(column * step + k) % 2]);
-                *v = between(left[band], right[band], share);
+    let (step, per_step) = (nodes.step, 1.0 / nodes.step as f32);
+    for (b, of_band) in out.chunks_exact_mut(width).enumerate() {
+        let [even, odd] = row_bands.unwrap_or([b; 2]);
+        if even == odd {
+            spread_band(nodes, row, even, of_band);
+            continue;
+        }
+        for (column, cell) in of_band.chunks_mut(step).enumerate() {
+            let (left, right) = (nodes.at(row, column), nodes.at(row, column + 1));
+            // Of even and odd pixels.
+            let swaps = column * step % 2 == 1;
+            let bands = if swaps { [odd, even] } else { [even, odd] };
+            let (from, to) = (bands.map(|band| left[band]), bands.map(|band| right[band]));
+            for (k, v) in cell.iter_mut().enumerate() {
+                *v = between(from[k % 2], to[k % 2], k as f32 * per_step);
             }
         }
     }
@@ -177,8 +197,7 @@ mod tests {
             for y in 0..height {
                 walk.row(y, &mut row);
                 for (i, v) in row.iter().enumerate() {
-                    let (x, band) =
-                        (i / stored, mosaic.map_or(i % stored, |phase| phase.band(i, y)));
+                    let (x, band) = (i % width, mosaic.map_or(i / width, |phase| phase.band(i, y)));
                     assert!((v - truth(x, y, band)).abs() < 1e-4, "{mosaic:?} {x},{y} band {band}");
                 }
             }

@@ -270,7 +270,9 @@ fn decompress<'a>(format: &str, data: &[u8], buffer: Vec<u8>) -> Result<StoredSa
     // Cleared first: where a damaged file leaves pixels out, those of the previous image must not
     // remain.
     let mut pixels = buffer;
-    pixels.clear();
+    if !jpeg_header::is_one_scan(data) {
+        pixels.clear();
+    }
     pixels.resize(width * height * channels * bytes, 0);
     decoder.read_image(&mut pixels).map_err(cannot_decode)?;
     // A grey file of a Bayer original whose format names no debayered encoding: the mosaic itself

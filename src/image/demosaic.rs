@@ -7,6 +7,8 @@
 //! demosaics *after* correcting the mosaic. Negative values are kept, so that noise stays unbiased.
 //! Borders are mirrored about the edge pixel, which preserves the Bayer pattern.
 
+use super::{interleaved, vectorised};
+
 /// Bayer patterns, named by the colours of the pixels (0,0), (1,0), (0,1) and (1,1).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BayerPattern {
@@ -74,7 +76,8 @@ impl Demosaic {
         }
     }
 
-    /// Adds the next row of the mosaic; calls `emit` with every output row that it completes.
+    /// Adds the next row of the mosaic; calls `emit` with every output row, band after band,
+    /// that it completes.
     pub fn push(&mut self, source: &[f32], mut emit: impl FnMut(&mut [f32])) {
         let row = &mut self.rows[self.pushed % ROWS];
         row[MARGIN..MARGIN + self.width].copy_from_slice(source);
@@ -94,47 +97,53 @@ impl Demosaic {
             });
             let (red_row, red_column) = self.pattern.red();
             if y % 2 == red_row {
-                color_row::<true>(rows, red_column, &mut self.color);
+                vectorised(
+                    #[inline(always)]
+                    || color_row::<true>(rows, red_column, &mut self.color),
+                );
             } else {
-                color_row::<false>(rows, red_column, &mut self.color);
+                vectorised(
+                    #[inline(always)]
+                    || color_row::<false>(rows, red_column, &mut self.color),
+                );
             }
             emit(&mut self.color);
         }
     }
 }
 
-/// One output row from five mosaic rows with margins.
+/// One output row, band after band, from five mosaic rows with margins. Both kinds of pixels are
+/// computed everywhere, as that vectorises.
+#[inline(always)]
 fn color_row<const RED_ROW: bool>(rows: [&[f32]; ROWS], red_column: usize, out: &mut [f32]) {
-    let [n2, n1, mid, s1, s2] = rows;
-    let sums = |x: usize| {
-        // Slices of constant length: one bounds check each.
-        let (n1, mid, s1) = (&n1[x..x + ROWS], &mid[x..x + ROWS], &s1[x..x + ROWS]);
-        let (horizontal, vertical) = (mid[1] + mid[3], n1[2] + s1[2]);
-        let (far_h, far_v) = (mid[0] + mid[4], n2[x + 2] + s2[x + 2]);
-        (mid[2], horizontal, vertical, far_h, far_v, n1[1] + n1[3] + s1[1] + s1[3])
-    };
-    // At red or blue pixels: green from the cross, the opposite colour from the diagonals.
-    let on_color = |x: usize| {
-        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(x);
-        let g = (4.0 * c + 2.0 * (horizontal + vertical) - far_h - far_v) * 0.125;
+    let width = out.len() / 3;
+    // Columns of a row, shifted.
+    let from = |row: usize, shift: usize| &rows[row][shift..shift + width];
+    let (n2, s2) = (from(0, 2), from(4, 2));
+    let (n1_w, n1, n1_e) = (from(1, 1), from(1, 2), from(1, 3));
+    let (s1_w, s1, s1_e) = (from(3, 1), from(3, 2), from(3, 3));
+    let (w2, w1, mid, e1, e2) = (from(2, 0), from(2, 1), from(2, 2), from(2, 3), from(2, 4));
+    let (red, rest) = out.split_at_mut(width);
+    let (green, blue) = rest.split_at_mut(width);
+    let (own, other) = if RED_ROW { (red, blue) } else { (blue, red) };
+    let (own, green, other) = (&mut own[..width], &mut green[..width], &mut other[..width]);
+    // Parity of the columns that hold red or blue.
+    let colored = if RED_ROW { red_column } else { 1 - red_column };
+    for x in 0..width {
+        let c = mid[x];
+        let (horizontal, vertical) = (w1[x] + e1[x], n1[x] + s1[x]);
+        let (far_h, far_v) = (w2[x] + e2[x], n2[x] + s2[x]);
+        let diagonal = n1_w[x] + n1_e[x] + s1_w[x] + s1_e[x];
+        // At red or blue pixels: green from the cross, the opposite colour from the diagonals.
+        let cross = (4.0 * c + 2.0 * (horizontal + vertical) - far_h - far_v) * 0.125;
         let opposite = (6.0 * c + 2.0 * diagonal - 1.5 * (far_h + far_v)) * 0.125;
-        if RED_ROW { [c, g, opposite] } else { [opposite, g, c] }
-    };
-    // At green pixels: the other colour of this row, and that of this column.
-    let on_green = |x: usize| {
-        let (c, horizontal, vertical, far_h, far_v, diagonal) = sums(x);
+        // At green pixels: the other colour of this row, and that of this column.
         let of_row = (5.0 * c + 4.0 * horizontal - diagonal - far_h + 0.5 * far_v) * 0.125;
         let of_column = (5.0 * c + 4.0 * vertical - diagonal - far_v + 0.5 * far_h) * 0.125;
-        if RED_ROW { [of_row, c, of_column] } else { [of_column, c, of_row] }
-    };
-    // Whether column 0 of this row is red or blue.
-    let color_first = (red_column == 0) == RED_ROW;
-    for (pair, rgb) in out.chunks_mut(6).enumerate() {
-        let x = 2 * pair;
-        rgb[..3].copy_from_slice(&if color_first { on_color(x) } else { on_green(x) });
-        if rgb.len() == 6 {
-            rgb[3..].copy_from_slice(&if color_first { on_green(x + 1) } else { on_color(x + 1) });
-        }
+        let is_colored = x % 2 == colored;
+        own[x] = if is_colored { c } else { of_row };
+        green[x] = if is_colored { cross } else { c };
+        other[x] = if is_colored { opposite } else { of_column };
     }
 }
 
@@ -143,7 +152,7 @@ pub fn demosaic(mosaic: &[f32], width: usize, height: usize, pattern: BayerPatte
     let mut out = Vec::with_capacity(3 * mosaic.len());
     let mut rows = Demosaic::new(width, height, pattern);
     for row in mosaic.chunks_exact(width) {
-        rows.push(row, |color| out.extend_from_slice(color));
+        rows.push(row, |color| out.extend(interleaved(color, 3)));
     }
     out
 }

@@ -117,18 +117,27 @@ impl FlatField {
     }
 
     /// Divides row `y` of an image of the same size.
-    pub fn divide_row(&self, y: usize, mosaic: Option<BayerPattern>, light: &mut [f32]) {
-        let LinearImage { width, bands, ref pixels, .. } = self.transmission;
-        let stored = light.len() / width;
-        let transmission = pixels[y * width * bands..][..width * bands].chunks_exact(bands);
-        for (x, (pixel, transmission)) in
-            light.chunks_exact_mut(stored).zip(transmission).enumerate()
-        {
+    fn divide_row(&self, y: usize, mosaic: Option<BayerPattern>, light: &mut [f32]) {
+        let stored = light.len() / self.transmission.width;
+        for (x, pixel) in light.chunks_exact_mut(stored).enumerate() {
             for (b, value) in pixel.iter_mut().enumerate() {
-                let band = mosaic.map_or(b, |pattern| pattern.band(x, y));
-                *value = (*value - self.dark[band] as f32) / transmission[band.min(bands - 1)];
+                *value = self.divided(*value, (x, y), mosaic.map_or(b, |p| p.band(x, y)));
             }
         }
+    }
+
+    /// As [`Self::divide`], of a row whose bands follow one another.
+    pub fn divide_bands(&self, y: usize, mosaic: Option<BayerPattern>, light: &mut [f32]) {
+        for (b, of_band) in light.chunks_exact_mut(self.transmission.width).enumerate() {
+            for (x, value) in of_band.iter_mut().enumerate() {
+                *value = self.divided(*value, (x, y), mosaic.map_or(b, |p| p.band(x, y)));
+            }
+        }
+    }
+
+    fn divided(&self, value: f32, (x, y): (usize, usize), band: usize) -> f32 {
+        let transmission = self.transmission.at(x, y);
+        (value - self.dark[band] as f32) / transmission[band.min(transmission.len() - 1)]
     }
 }
 

@@ -18,15 +18,15 @@ mod pixel_values;
 pub mod reduce;
 pub mod response;
 pub mod transfer;
+mod vectorised;
 mod yuv;
 
-/// Maximum of the values and 0. Eight lanes, so that the loop vectorises.
-pub fn max_value(values: &[f32]) -> f32 {
-    let (blocks, rest) = values.as_chunks::<8>();
-    let max = blocks.iter().fold([0f32; 8], |max, block| {
-        std::array::from_fn(|k| if block[k] > max[k] { block[k] } else { max[k] })
-    });
-    max.iter().chain(rest).copied().fold(0.0, f32::max)
+pub use vectorised::vectorised;
+
+/// Values of a row whose bands follow one another, pixel by pixel.
+pub fn interleaved(row: &[f32], bands: usize) -> impl Iterator<Item = f32> + '_ {
+    let width = row.len() / bands;
+    (0..width).flat_map(move |x| (0..bands).map(move |band| row[band * width + x]))
 }
 
 /// An image as stored in a message.

@@ -1,6 +1,7 @@
 //! Pixel values (DN) in memory → linear light, row by row (paper §II-F, Eq. 8 to 9).
 
 use std::borrow::Cow;
+use std::sync::OnceLock;
 
 use super::demosaic::BayerPattern;
 use super::encoding::SampleLayout;
@@ -63,6 +64,8 @@ pub struct PixelValues<'a> {
     /// bytes from one row to the next
     step: usize,
     linearisation: Linearisation<'a>,
+    /// computed when it is needed first
+    mean_light: OnceLock<Bands>,
 }
 
 /// Pixel value → linear light.
@@ -105,12 +108,18 @@ impl<'a> PixelValues<'a> {
             )
         };
         let coding = Coding { bits: 8 * layout.bytes as u8, container, transfer, bits_used };
-        Self { width, height, mosaic: layout.bayer, coding, layout, data, step, linearisation }
+        let (mosaic, mean_light) = (layout.bayer, OnceLock::new());
+        Self { width, height, mosaic, coding, layout, data, step, linearisation, mean_light }
     }
 
     /// Returns the buffer for the next image; empty where the samples are borrowed from a message.
-    pub fn into_buffer(self) -> Vec<u8> {
-        match self.data {
+    pub fn into_buffer(mut self) -> Vec<u8> {
+        self.take_buffer()
+    }
+
+    /// As [`Self::into_buffer`]; what is left has no pixels any more.
+    pub fn take_buffer(&mut self) -> Vec<u8> {
+        match std::mem::take(&mut self.data) {
             Cow::Owned(buffer) => buffer,
             Cow::Borrowed(_) => Vec::new(),
         }
@@ -139,21 +148,55 @@ impl<'a> PixelValues<'a> {
 
     /// Mean linear light per band, from a sixteenth of the pixels.
     pub fn mean_light(&self) -> Bands {
-        let stored = self.stored_bands();
-        let (mut sums, mut counts) = ([0.0; 3], [0usize; 3]);
-        let mut row = vec![0f32; self.width * stored];
+        *self.mean_light.get_or_init(|| self.mean_of_blocks())
+    }
+
+    fn mean_of_blocks(&self) -> Bands {
+        match self.stored_bands() {
+            3 => self.mean_of::<3>(),
+            _ => self.mean_of::<1>(),
+        }
+    }
+
+    fn mean_of<const STORED: usize>(&self) -> Bands {
         // Even and odd rows and columns of a mosaic hold different bands.
+        let (mut sums, mut counts) = ([[[0.0; STORED]; 2]; 2], [[0usize; 2]; 2]);
         for y in (0..self.height).filter(|y| y % MEAN_STEP < 2) {
-            self.linear_row(y, &mut row);
-            for x in (0..self.width).filter(|x| x % MEAN_STEP < 2) {
-                for b in 0..stored {
-                    let band = self.mosaic.map_or(b, |pattern| pattern.band(x, y));
-                    sums[band] += f64::from(row[x * stored + b]);
-                    counts[band] += 1;
+            let (sums, counts) = (&mut sums[y % 2], &mut counts[y % 2]);
+            for column in 0..2 {
+                for x in (column..self.width).step_by(MEAN_STEP) {
+                    for b in 0..STORED {
+                        sums[column][b] += f64::from(self.linear_at(x, y, b));
+                    }
+                    counts[column] += 1;
                 }
             }
         }
-        std::array::from_fn(|b| sums[b] / counts[b].max(1) as f64)
+        let (mut light, mut pixels) = ([0.0; 3], [0usize; 3]);
+        for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            for b in 0..STORED {
+                let band = self.mosaic.map_or(b, |pattern| pattern.band(column, row));
+                light[band] += sums[row][column][b];
+                pixels[band] += counts[row][column];
+            }
+        }
+        std::array::from_fn(|b| light[b] / pixels[b].max(1) as f64)
+    }
+
+    /// Linear light of one stored value.
+    #[inline(always)]
+    fn linear_at(&self, x: usize, y: usize, band: usize) -> f32 {
+        let SampleLayout { channels, bytes, is_bgr, .. } = self.layout;
+        let channel = if is_bgr { self.stored_bands() - 1 - band } else { band };
+        let at = y * self.step + (x * channels + channel) * bytes;
+        match &self.linearisation {
+            Linearisation::Table(table) => table[usize::from(self.data[at])],
+            Linearisation::Wide { big_endian, white, transfer, response } => {
+                let mut value = [f32::from(wide(*big_endian, &self.data[at..])) / white];
+                invert_response(&mut value, *transfer, *response);
+                value[0]
+            }
+        }
     }
 
     /// Whether linear light in row `y` may reach `level`. Of 8-bit images the largest pixel value
@@ -195,13 +238,7 @@ impl<'a> PixelValues<'a> {
                 }
             }
             Linearisation::Wide { big_endian, white, transfer, response } => {
-                let read = |at: &[u8]| {
-                    if *big_endian {
-                        u16::from_be_bytes([at[0], at[1]])
-                    } else {
-                        u16::from_le_bytes([at[0], at[1]])
-                    }
-                };
+                let read = |at: &[u8]| wide(*big_endian, at);
                 if is_packed {
                     out.iter_mut()
                         .zip(row.chunks_exact(2))
@@ -218,6 +255,54 @@ impl<'a> PixelValues<'a> {
                 invert_response(out, *transfer, *response);
             }
         }
+    }
+
+    /// Linear light of row `y`, band after band: `stored_bands × width` values.
+    pub fn linear_bands(&self, y: usize, out: &mut [f32]) {
+        let SampleLayout { channels, bytes, is_bgr, .. } = self.layout;
+        if self.stored_bands() == 1 {
+            return self.linear_row(y, out);
+        }
+        let row = &self.data[y * self.step..][..self.width * channels * bytes];
+        match &self.linearisation {
+            Linearisation::Table(table) => {
+                let light = |value: &u8| table[usize::from(*value)];
+                match channels {
+                    3 => split_bands(row.as_chunks::<3>().0, is_bgr, light, out),
+                    _ => split_bands(row.as_chunks::<4>().0, is_bgr, light, out),
+                }
+            }
+            Linearisation::Wide { big_endian, white, transfer, response } => {
+                let light = |value: &[u8; 2]| f32::from(wide(*big_endian, value)) / white;
+                let values = row.as_chunks::<2>().0;
+                match channels {
+                    3 => split_bands(values.as_chunks::<3>().0, is_bgr, light, out),
+                    _ => split_bands(values.as_chunks::<4>().0, is_bgr, light, out),
+                }
+                invert_response(out, *transfer, *response);
+            }
+        }
+    }
+}
+
+/// A 16-bit pixel value.
+fn wide(big_endian: bool, at: &[u8]) -> u16 {
+    let bytes = [at[0], at[1]];
+    if big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
+}
+
+/// Linear light of the first three channels of pixels, band after band.
+fn split_bands<T, const CHANNELS: usize>(
+    pixels: &[[T; CHANNELS]],
+    is_bgr: bool,
+    light: impl Fn(&T) -> f32,
+    out: &mut [f32],
+) {
+    let (red, rest) = out.split_at_mut(pixels.len());
+    let (green, blue) = rest.split_at_mut(pixels.len());
+    let (first, third) = if is_bgr { (blue, red) } else { (red, blue) };
+    for (((pixel, first), second), third) in pixels.iter().zip(first).zip(green).zip(third) {
+        (*first, *second, *third) = (light(&pixel[0]), light(&pixel[1]), light(&pixel[2]));
     }
 }
 

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::vectorised;
+
 /// Transfer curve of an image: linear light as a function of the pixel value.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
@@ -145,6 +147,7 @@ impl SrgbTable {
         self.0[Self::index(light) as usize]
     }
 
+    #[inline(always)]
     fn index(light: f32) -> u32 {
         // NaN is black.
         let clamped = if light > Self::DARKEST { light } else { Self::DARKEST };
@@ -152,25 +155,40 @@ impl SrgbTable {
         ((clamped.to_bits() - Self::DARKEST.to_bits()) >> Self::SHIFT) & (Self::STEPS as u32 - 1)
     }
 
-    /// Appends the 8-bit sRGB values of a row.
-    pub fn encode_row(&self, light: &[f32], out: &mut Vec<u8>) {
+    /// 8-bit sRGB values of a row: of light band after band, pixel by pixel.
+    pub fn encode_row(&self, light: &[f32], bands: usize, out: &mut [u8]) {
+        match bands {
+            3 => vectorised(
+                #[inline(always)]
+                || self.encode_bands::<3>(light, out),
+            ),
+            _ => vectorised(
+                #[inline(always)]
+                || self.encode_bands::<1>(light, out),
+            ),
+        }
+    }
+
+    #[inline(always)]
+    fn encode_bands<const BANDS: usize>(&self, light: &[f32], out: &mut [u8]) {
         // Indices of a whole chunk, which vectorises, then the look-ups, which do not.
-        const CHUNK: usize = 256;
-        let table = &*self.0;
-        let (mut indices, mut values) = ([0u32; CHUNK], [0u8; CHUNK]);
-        for light in light.chunks(CHUNK) {
-            indices.iter_mut().zip(light).for_each(|(index, v)| *index = Self::index(*v));
-            for (values, indices) in values
-                .chunks_exact_mut(8)
-                .zip(indices.chunks_exact(8))
-                .take(light.len().div_ceil(8))
-            {
-                values
-                    .iter_mut()
-                    .zip(indices)
-                    .for_each(|(value, index)| *value = table[*index as usize & (Self::STEPS - 1)]);
+        const CHUNK: usize = 64;
+        let (table, width) = (&*self.0, light.len() / BANDS);
+        let mut indices = [[0u32; CHUNK]; BANDS];
+        let pixels = out.as_chunks_mut::<BANDS>().0;
+        for (first, pixels) in (0..width).step_by(CHUNK).zip(pixels.chunks_mut(CHUNK)) {
+            for (band, indices) in indices.iter_mut().enumerate() {
+                let light = &light[band * width + first..];
+                match light.first_chunk::<CHUNK>().filter(|_| pixels.len() == CHUNK) {
+                    Some(light) => (0..CHUNK).for_each(|k| indices[k] = Self::index(light[k])),
+                    None => (0..pixels.len()).for_each(|k| indices[k] = Self::index(light[k])),
+                }
             }
-            out.extend_from_slice(&values[..light.len()]);
+            for (x, pixel) in pixels.iter_mut().take(CHUNK).enumerate() {
+                for band in 0..BANDS {
+                    pixel[band] = table[indices[band][x] as usize & (Self::STEPS - 1)];
+                }
+            }
         }
     }
 }

@@ -16,8 +16,8 @@ mod write;
 
 pub use digest::{ChannelDigest, Difference, Fingerprinted};
 pub use read::{
-    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, FrameId, LogFiles, Message,
-    RawChunk, Recording, Schema, Window,
+    Attachment, Block, Channel, Contents, Damage, Declarations, Entry, Fingerprint, FrameId,
+    LogFiles, Message, RawChunk, Recording, Schema, Window,
 };
 pub use write::{
     NewAttachment, NewChannel, Output, OutputFile, Piece, PieceBytes, check_output_path,

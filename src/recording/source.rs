@@ -68,12 +68,13 @@ impl Source {
         })
     }
 
-    /// Adds the whole file to a fingerprint.
-    pub fn hash_into(&self, hash: &mut sha2::Sha256) -> io::Result<()> {
-        let mut buffer = vec![0; 1 << 20];
-        let mut offset = 0;
-        while offset < self.length {
-            let size = (self.length - offset).min(buffer.len() as u64) as usize;
+    /// Adds a range of the file to a fingerprint.
+    pub fn hash_into(&self, hash: &mut sha2::Sha256, range: Range<u64>) -> io::Result<()> {
+        let longest = range.end.saturating_sub(range.start).min(1 << 20) as usize;
+        let mut buffer = vec![0; longest];
+        let mut offset = range.start;
+        while offset < range.end {
+            let size = (range.end - offset).min(buffer.len() as u64) as usize;
             self.fill(&mut buffer[..size], offset)?;
             hash.update(&buffer[..size]);
             offset += size as u64;

@@ -10,7 +10,7 @@ use crate::correct::{MeanFrames, estimate_rendering};
 use crate::error::Result;
 use crate::estimate::{FrameSamples, sample_frame};
 use crate::geometry::LightPath;
-use crate::image::{LinearImage, SensorImage};
+use crate::image::{LinearImage, SensorImage, interleaved};
 use crate::model::{ModelFile, RenderingFile};
 use crate::parallel::Threads;
 use crate::recording::{FrameId, Message};
@@ -137,7 +137,8 @@ impl Bench {
             bands: pixels.bands(),
         };
         let corrector = Corrector::new(&self.session, &self.model, rendering);
-        corrector.rows(&frame.frame, None, |row| corrected.pixels.extend_from_slice(row));
+        let bands = corrected.bands;
+        corrector.rows(&frame.frame, None, |row| corrected.pixels.extend(interleaved(row, bands)));
         corrected
     }
 }

@@ -5,7 +5,7 @@ use crate::correct::{self, Corrected, Correction, FrameFacts};
 use crate::diagnostics::Reason;
 use crate::error::{self, Error};
 use crate::image::transfer::{Shoulder, SrgbTable};
-use crate::image::{Bands, ImageShape, encode};
+use crate::image::{Bands, ImageShape, encode, interleaved};
 use crate::session::{CameraSession, Frame};
 use crate::vehicle::Camera;
 
@@ -74,7 +74,8 @@ impl<'c> Corrector<'c> {
         })
     }
 
-    /// Corrects a frame row by row in linear light, where 1 is white.
+    /// Corrects a frame row by row in linear light, where 1 is white; `take` receives the bands of
+    /// a row one after another.
     pub fn rows(
         &self,
         frame: &Frame<'_>,
@@ -133,21 +134,28 @@ pub fn render(
     }
     let depth = correction.config.depth;
     let (width, height) = (raw.codes.width, raw.codes.height);
+    let (out_width, out_height) = raw.rectified.map_or((width, height), |c| (c.width, c.height));
+    let row_bytes = out_width * bands * usize::from(depth / 8);
+    // Not cleared: every row is written.
     let mut samples = buffer;
-    samples.clear();
-    samples.reserve(width * height * bands * usize::from(depth / 8));
-    let take = |row: &mut [f32]| match depth {
-        16 => samples.extend(
-            row.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()),
-        ),
-        _ => srgb.encode_row(row, &mut samples),
+    samples.resize(out_height * row_bytes, 0);
+    let mut rows = samples.chunks_exact_mut(row_bytes);
+    let take = |row: &mut [f32]| {
+        let Some(out) = rows.next() else { return };
+        match depth {
+            16 => {
+                let value = |v: f32| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes();
+                let values = out.as_chunks_mut::<2>().0.iter_mut();
+                values.zip(interleaved(row, bands)).for_each(|(out, v)| *out = value(v));
+            }
+            _ => srgb.encode_row(row, bands, out),
+        }
     };
     let Corrected { mask, facts } = correction.apply(raw, take);
     if facts.off_surface_share >= 1.0 {
         return Err(Reason::OffSeafloor);
     }
     let camera = *raw.rectified.unwrap_or(raw.view.camera);
-    let (width, height) = raw.rectified.map_or((width, height), |c| (c.width, c.height));
-    let shape = ImageShape { width, height, bands };
+    let shape = ImageShape { width: out_width, height: out_height, bands };
     Ok(CorrectedFrame { samples, shape, depth, camera, mask, facts })
 }

@@ -12,7 +12,7 @@ use crate::messages::value::Value;
 use crate::messages::{ChannelSchema, Decoder, Kind, attitude_frame, header};
 use crate::parallel::{Job, Threads};
 use crate::recording::{
-    Block, Channel, Contents, Damage, Entry, FrameId, Message, Recording, Window,
+    Block, Channel, Damage, Entry, Fingerprint, FrameId, Message, Recording, Window,
 };
 use crate::stats;
 use crate::units::Stamp;
@@ -98,19 +98,35 @@ pub fn scan(
     dvl: &DvlFacts,
     threads: &Threads,
 ) -> crate::error::Result<(LogIndex, Readings)> {
+    scan_with(recording, window, dvl, None, threads)
+}
+
+/// As [`scan`]; the fingerprint takes the blocks that are read, and the rest of the log.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn scan_with(
+    recording: &Recording,
+    window: Window,
+    dvl: &DvlFacts,
+    mut fingerprint: Option<Fingerprint<'_>>,
+    threads: &Threads,
+) -> crate::error::Result<(LogIndex, Readings)> {
     let mut scan = Scan::new(recording, window, dvl);
-    let read = |block: &Block| recording.read(block, Window::ALL);
+    let read = |block| recording.read(block, Window::ALL).map(|contents| (block, contents));
     let in_flight = threads.count() * IN_FLIGHT;
     threads.scope(|scope| {
         let blocks = needed_blocks(recording, window)
             .into_iter()
             .map(|block| (block.memory_bytes().min(in_flight / 2), Job::Work(block)));
         scope.in_order(blocks, in_flight, &read).try_for_each(|block| -> crate::error::Result<()> {
-            let Contents { entries, .. } = block?;
-            entries.into_iter().for_each(|entry| scan.take(entry));
+            let (block, contents) = block?;
+            fingerprint.as_mut().map_or(Ok(()), |f| f.add(block, &contents))?;
+            contents.entries.into_iter().for_each(|entry| scan.take(entry));
             Ok(())
         })
     })?;
+    fingerprint.map_or(Ok(()), Fingerprint::finish)?;
     Ok(scan.finish())
 }
 

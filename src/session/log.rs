@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use sha2::Digest;
 
-use super::index::{ChannelIndex, LogIndex, scan};
+use super::index::{ChannelIndex, LogIndex, scan_with};
 use super::options::Options;
 use super::readings::Readings;
 use crate::error::{Error, Result};
 use crate::messages::Kind;
 use crate::parallel::Threads;
-use crate::recording::{LogFiles, Recording};
+use crate::recording::{Fingerprint, LogFiles, Recording};
 use crate::vehicle::DvlFacts;
 
 /// A scanned log. Every camera of it is surveyed from the same scan.
@@ -36,7 +36,7 @@ impl Log {
         Self::scan(Recording::open(path)?, options, &threads)?.with_messages(options)
     }
 
-    /// As [`Log::open`], of one file or several; their fingerprint is computed meanwhile.
+    /// As [`Log::open`], of one file or several; their fingerprint is computed from the same read.
     ///
     /// # Errors
     /// As [`Log::open`].
@@ -46,12 +46,8 @@ impl Log {
         threads: &Threads,
     ) -> Result<Self> {
         let recording = Arc::new(Recording::open_files(files)?);
-        let (fingerprint, log) = threads.overlap(
-            || recording.sha256().map(drop),
-            || Self::scan(Arc::clone(&recording), options, threads)?.with_messages(options),
-        );
-        let log = log?;
-        fingerprint.map(|()| log)
+        let fingerprint = Some(recording.fingerprint());
+        Self::read(&recording, fingerprint, options, threads)?.with_messages(options)
     }
 
     /// Scans an open log, which may be empty.
@@ -63,10 +59,18 @@ impl Log {
         options: &Options,
         threads: &Threads,
     ) -> Result<Self> {
-        let recording = recording.into();
-        let dvl = options.rig.dvl.clone();
-        let (index, readings) = scan(&recording, options.window(), &dvl, threads)?;
-        Ok(Self { recording, index: Arc::new(index), readings, dvl })
+        Self::read(&recording.into(), None, options, threads)
+    }
+
+    fn read(
+        recording: &Arc<Recording>,
+        fingerprint: Option<Fingerprint<'_>>,
+        options: &Options,
+        threads: &Threads,
+    ) -> Result<Self> {
+        let (window, dvl) = (options.window(), options.rig.dvl.clone());
+        let (index, readings) = scan_with(recording, window, &dvl, fingerprint, threads)?;
+        Ok(Self { recording: Arc::clone(recording), index: Arc::new(index), readings, dvl })
     }
 
     /// An error where the log has no message.

@@ -11,7 +11,8 @@ use unwater::config::Compression;
 use unwater::model::ModelFile;
 use unwater::recording::{Entry, Recording, Window};
 use unwater::run::{correct, estimate_logs};
-use unwater::session::{CameraSession, Options, Silent, Threads, index::scan};
+use unwater::session::index::{scan, scan_with};
+use unwater::session::{CameraSession, Options, Silent, Threads};
 use unwater::vehicle::DvlFacts;
 
 /// A small dive and its model, made once.
@@ -291,6 +292,26 @@ fn a_window_reads_only_the_chunks_it_needs() {
             && scanned.channels.values().any(|c| !c.joints.is_empty())
     );
     assert_eq!(scanned.channels.values().map(|c| c.frames.len()).sum::<usize>(), 12);
+}
+
+/// Blocks of a scan and what lies beside them give the fingerprint of the file.
+#[test]
+fn a_scan_computes_the_fingerprint_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("in.mcap");
+    written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)), 3);
+    let expected = Recording::open(&path).unwrap().sha256().unwrap().to_string();
+    let (start, end) = Recording::open(&path).unwrap().blocks()[0].times().unwrap();
+    for (window, threads) in [(Window::ALL, 1), (Window::ALL, 2), (Window { start, end }, 2)] {
+        let (recording, dvl) = (Recording::open(&path).unwrap(), DvlFacts::default());
+        let fingerprint = Some(recording.fingerprint());
+        scan_with(&recording, window, &dvl, fingerprint, &Threads::new(threads)).unwrap();
+        let file = std::fs::File::create(&path).unwrap();
+        // It is known already: the file is not needed any more.
+        drop(file);
+        assert_eq!(recording.sha256().unwrap(), expected);
+        written(&path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)), 3);
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::geometry::{SeafloorPlane, Support};
 use crate::image::decode::{CameraResponse, Coding};
 use crate::image::noise::Noise;
 use crate::image::transfer::Transfer;
-use crate::image::{Container, LinearImage};
+use crate::image::{Container, LinearImage, interleaved};
 use crate::model::{
     BeamGrid, BeamPattern, ImageGrid, ImagingModel, RenderingFile, ResidualLight, SpreadingModel,
 };
@@ -101,12 +101,13 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         let light = FrameLight { noise: &noise, gain: frame_gain, range_factor: 1.0, map: None };
         image.pixels.fill(frame_gain as f32);
         let field = GainField::new(&correction, &view, (width, height), 3, light);
-        let mut bits = vec![0; width * height];
-        field.mark(&mut bits);
+        let bits = field.marked(vec![0; width * height]);
         let mut rows = GainRows::new(&field, None, frame_gain);
         for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
             rows.go_to(y);
+            // The same light in all bands: their order does not matter on the way in.
             rows.multiply(row);
+            row.copy_from_slice(&interleaved(row, 3).collect::<Vec<_>>());
         }
         let (mut worst, mut off) = (0f64, 0);
         for y in (0..height).step_by(3 * times - 1) {
@@ -168,6 +169,7 @@ fn residual_light_is_divided_out() {
         for (y, row) in image.pixels.chunks_exact_mut(3 * width).enumerate() {
             rows.go_to(y);
             rows.multiply(row);
+            row.copy_from_slice(&interleaved(row, 3).collect::<Vec<_>>());
         }
         f64::from(image.at(x, y)[0])
     };

@@ -130,18 +130,24 @@ impl Block {
         !is_known || window.overlaps(self.times)
     }
 
+    /// Offset of its first record (byte).
+    pub(super) fn start(&self) -> u64 {
+        match self.kind {
+            Kind::Bare => self.range.start,
+            Kind::Chunk { .. } => self.range.start - RECORD_HEADER as u64,
+        }
+    }
+
     /// Reads, decompresses and verifies the block.
     pub(super) fn read(&self, source: &Source, window: Window) -> io::Result<Contents> {
+        let raw = Arc::new(source.bytes(self.start()..self.range.end)?);
         let mut contents = match self.kind {
-            Kind::Bare => {
-                let buffer = Arc::new(source.bytes(self.range.clone())?);
-                parse_records(&buffer, 0..buffer.len(), window).contents
-            }
+            Kind::Bare => parse_records(&raw, 0..raw.len(), window).contents,
             Kind::Chunk { is_whole, .. } => {
-                let record = self.range.start - RECORD_HEADER as u64..self.range.end;
-                parse_chunk(source.bytes(record)?, self.range.start, is_whole, window)
+                parse_chunk(Arc::clone(&raw), self.range.start, is_whole, window)
             }
         };
+        contents.raw = raw;
         for entry in &mut contents.entries {
             if let Entry::Message(message) = entry {
                 message.id.block = self.number;
@@ -164,6 +170,8 @@ pub enum Entry {
 pub struct Contents {
     /// messages in the window and damage, in the order of the file
     pub entries: Vec<Entry>,
+    /// its bytes in the file
+    pub(super) raw: Arc<Vec<u8>>,
     /// schemas and channels declared inside
     pub(super) declared: Vec<Record<'static>>,
     /// the chunk as in the file, if it is undamaged, consistent with its header, and entirely
@@ -186,7 +194,7 @@ pub struct RawChunk {
 }
 
 /// Parses a chunk record, which may be truncated unless `is_whole`. `offset` is that of its body.
-fn parse_chunk(record: Vec<u8>, offset: u64, is_whole: bool, window: Window) -> Contents {
+fn parse_chunk(record: Arc<Vec<u8>>, offset: u64, is_whole: bool, window: Window) -> Contents {
     let Some(header) = ChunkHeader::parse(&record[RECORD_HEADER..]) else {
         return Contents::default();
     };
@@ -195,7 +203,6 @@ fn parse_chunk(record: Vec<u8>, offset: u64, is_whole: bool, window: Window) -> 
     let damaged = |reason| Contents { entries: vec![damage(reason)], ..Contents::default() };
     let data = data.start + RECORD_HEADER..data.end + RECORD_HEADER;
     let has_no_trailer = data.end == record.len();
-    let record = Arc::new(record);
     // Uncompressed records are used in place.
     let (buffer, range, problem) = if compression.is_empty() {
         (Arc::clone(&record), data, None)

@@ -10,11 +10,12 @@
 //! numbered through, and where a part numbers its channels otherwise, they are renamed (`part`).
 //!
 //! The files depend on each other in this order: `records`, `types` and `message`, `block`,
-//! `index`, `files` and `part`, `recording`, `attachment` and `notes`.
+//! `index`, `files` and `part`, `recording`, `fingerprint`, `attachment` and `notes`.
 
 mod attachment;
 mod block;
 mod files;
+mod fingerprint;
 mod index;
 mod message;
 mod notes;
@@ -26,6 +27,7 @@ mod types;
 pub use attachment::Attachment;
 pub use block::{Block, Contents, Entry, RawChunk};
 pub use files::LogFiles;
+pub use fingerprint::Fingerprint;
 pub use message::{FrameId, Message};
 pub use recording::Recording;
 pub use records::{MAGIC, MessageHeader, RECORD_HEADER};

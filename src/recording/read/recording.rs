@@ -12,6 +12,7 @@ use sha2::Digest as _;
 use super::super::source::Source;
 use super::block::{Block, Contents, Entry};
 use super::files::LogFiles;
+use super::fingerprint::Fingerprint;
 use super::index::Index;
 use super::part::Part;
 use super::types::{Channel, Damage, Declarations, Schema, Window};
@@ -164,10 +165,23 @@ impl Recording {
         }
         let mut hash = sha2::Sha256::new();
         for (number, part) in self.parts.iter().enumerate() {
-            part.source.hash_into(&mut hash).map_err(|source| self.failed(number, source))?;
+            let hashed = part.source.hash_into(&mut hash, 0..part.source.length());
+            hashed.map_err(|source| self.failed(number, source))?;
         }
-        let computed = hash.finalize().iter().map(|b| format!("{b:02x}")).collect();
-        Ok(self.sha256.get_or_init(|| computed))
+        Ok(self.keep_sha256(&hash.finalize()))
+    }
+
+    pub(super) fn keep_sha256(&self, hash: &[u8]) -> &str {
+        self.sha256.get_or_init(|| hash.iter().map(|b| format!("{b:02x}")).collect())
+    }
+
+    /// Begins the fingerprint that [`Self::sha256`] returns, of blocks that are read anyway.
+    pub fn fingerprint(&self) -> Fingerprint<'_> {
+        Fingerprint::new(self)
+    }
+
+    pub(super) fn part_count(&self) -> usize {
+        self.parts.len()
     }
 
     pub(super) fn source(&self, part: usize) -> &Source {

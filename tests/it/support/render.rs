@@ -86,6 +86,8 @@ pub enum Sensor {
     Rgb8,    // rgb8
     // sensor_msgs/CompressedImage of this quality, on /camera/image_raw/compressed; 4:2:0 below 90
     Jpeg(u8),
+    // the same, always 4:2:0
+    Jpeg420(u8),
 }
 
 /// Which message is on `/dvl/data`, or what takes its place. Ranges are slant in all.
@@ -216,7 +218,8 @@ impl Dive {
         let mut messages = self.navigation();
         let compressed = ("/camera/image_raw/compressed", "sensor_msgs/msg/CompressedImage");
         let raw = ("/camera/image_raw", "sensor_msgs/msg/Image");
-        let (topic, kind) = if let Sensor::Jpeg(_) = self.sensor { compressed } else { raw };
+        let is_jpeg = matches!(self.sensor, Sensor::Jpeg(_) | Sensor::Jpeg420(_));
+        let (topic, kind) = if is_jpeg { compressed } else { raw };
         for (k, image) in images.into_iter().enumerate() {
             let ns = self.frame_ns(k);
             messages.push((ns + 40_000_000, topic, kind, image));
@@ -899,15 +902,18 @@ impl Dive {
             Sensor::Rgb16 => {
                 ("rgb16", three.flat_map(|(i, band)| twelve(noisy(i, band))).collect())
             }
-            Sensor::Rgb8 | Sensor::Jpeg(_) => {
+            Sensor::Rgb8 | Sensor::Jpeg(_) | Sensor::Jpeg420(_) => {
                 ("rgb8", three.map(|(i, band)| eight(noisy(i, band))).collect())
             }
         };
         let (width, height) = (self.width, self.height);
         let mut cdr = Cdr::headed(self.frame_ns(frame), "camera_optical_frame");
-        if let Sensor::Jpeg(quality) = self.sensor {
+        if let Sensor::Jpeg(quality) | Sensor::Jpeg420(quality) = self.sensor {
             let mut jpeg = Vec::new();
-            let encoder = jpeg_encoder::Encoder::new(&mut jpeg, quality);
+            let mut encoder = jpeg_encoder::Encoder::new(&mut jpeg, quality);
+            if matches!(self.sensor, Sensor::Jpeg420(_)) {
+                encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_2_2);
+            }
             encoder
                 .encode(&data, width as u16, height as u16, jpeg_encoder::ColorType::Rgb)
                 .expect("a JPEG");
