@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::regions::{RegionSample, Regions};
+use super::regions::{RegionSample, Regions, rounded};
 use crate::image::Bands;
 use crate::model::{EmpiricalForm, EmpiricalModel};
 use crate::parallel::par_map;
@@ -325,9 +325,4 @@ impl<'r> Fit<'r> {
             log_gains: self.log_gains.clone(),
         }
     }
-}
-
-/// To seven decimals, as in the file.
-pub fn rounded(v: f64) -> f64 {
-    (v * 1e7).round() / 1e7
 }

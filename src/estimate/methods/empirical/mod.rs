@@ -4,5 +4,5 @@
 mod fit;
 mod regions;
 
-pub use fit::{EmpiricalFit, fit, rounded};
-pub use regions::{RegionSample, Regions};
+pub use fit::{EmpiricalFit, fit};
+pub use regions::{RegionSample, Regions, rounded};

@@ -1,7 +1,6 @@
 //! Mean light of regions of the image, frame by frame. Dark regions stay in, as they show
 //! backscatter; clipped ones are left out.
 
-use super::fit::rounded;
 use crate::coordinates::{Body, Optical, Transform};
 use crate::estimate::samples::FrameSamples;
 use crate::image::Bands;
@@ -214,6 +213,11 @@ impl Regions {
         };
         self.frames.iter().filter(|f| !f.is_empty()).count() >= needed
     }
+}
+
+/// To seven decimals, as in the file.
+pub fn rounded(v: f64) -> f64 {
+    (v * 1e7).round() / 1e7
 }
 
 #[cfg(test)]
