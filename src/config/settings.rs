@@ -85,6 +85,11 @@ macro_rules! settings {
                 "daylight on the seafloor falls with altitude in another way than the strobe's \
                  light: unmodelled, attenuation comes out negative in shallow water",
                 option("daylight", "WHEN", "Whether daylight on the seafloor is modelled");
+            residual_light: Switch = Switch::Auto, "auto | off | on",
+                "lamps of unlike patterns leave light that one beam pattern does not explain: \
+                 colour errors are three times as large without it",
+                option("residual-light", "WHEN",
+                    "Whether light that attenuation and beam pattern leave is removed, too");
             drift: Switch = Switch::Auto, "auto | off | on",
                 "the water may change along the dive: attenuation at nodes in time",
                 option("drift", "WHEN", "Whether attenuation may change along the log");

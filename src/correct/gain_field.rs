@@ -20,7 +20,7 @@ use super::{Correction, FrameFacts, mask};
 use crate::config::Method;
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::Bands;
-use crate::model::{BeamPattern, EmpiricalModel, Removal, ResidualLight};
+use crate::model::{BeamPattern, EmpiricalModel, RegionLight, Removal};
 
 /// Larger log gains belong to light without any signal.
 const MAX_LOG_GAIN: f32 = 30.0;
@@ -53,7 +53,7 @@ pub struct GainField<'g> {
     /// bits of the mask, by node
     pub(super) bits: Vec<u8>,
     /// beside the model of Eq. 15
-    residual: Option<&'g ResidualLight>,
+    residual: Option<&'g RegionLight>,
     /// instead of it
     empirical: Option<&'g EmpiricalModel>,
     range_factor: f64,

@@ -29,6 +29,9 @@ facts! {
         Info "drop-outs-of-other-logs" GainsOfOtherLogs { frames: usize },
             text("drop-outs of {frames} frames in the model are of other logs and not used"),
             remedy("strobe drop-outs of this log are compensated by a model estimated from it");
+        Info "residual-light" ResidualLight,
+            text("frames are corrected for light that attenuation and beam pattern leave, too: by \
+                  place in the image and slant range");
         Info "empirical-correction" Empirical { form: String },
             text("frames are corrected by an empirical model of this dive's light ({form}): on \
                   held-out frames it is better than attenuation and beam pattern"),

@@ -34,6 +34,7 @@ mod verdict;
 mod verdict_figures;
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 use nalgebra::Vector3;
 
@@ -132,7 +133,9 @@ impl Estimate {
     ) -> Judgement {
         let (model, estimator) = (&self.model, self.estimator);
         let is_identified = self.not_identified.is_none();
-        let case = verdict::Case { data, regions, model, estimator, is_identified, config };
+        let residual = OnceLock::new();
+        let case =
+            verdict::Case { data, regions, model, estimator, is_identified, config, residual };
         let judgement = case.judge();
         if judgement.residual.is_some() {
             // Light that the model does not explain looks like water that changes.

@@ -1,5 +1,5 @@
 //! What a model leaves of the light of points that several frames show, by place in the image and
-//! slant range ([`ResidualLight`]): whatever lamps light the seafloor, they move with the camera.
+//! slant range ([`RegionLight`]): whatever lamps light the seafloor, they move with the camera.
 //!
 //! The log reflectance ρ of a point is a random effect, eliminated in closed form: the mean of all
 //! points holds what overlap does not determine. a, b and n are smooth over the image and small.
@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::methods::empirical::rounded;
 use crate::image::Bands;
-use crate::model::{ImageGrid, ResidualLight};
+use crate::model::{ImageGrid, RegionLight};
 use crate::parallel::par_map;
 use crate::stats;
 
@@ -24,7 +24,7 @@ const PARAMETERS: usize = 3;
 const SMOOTH: [f64; PARAMETERS] = [0.05, 0.1, 0.2];
 const SIZE: [f64; PARAMETERS] = [1.0, 0.5, 0.5];
 /// Rounds of the reweighted solve.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 4;
 /// Smallest spreads of views of a point, and of points (log light).
 const MIN_SPREAD: f64 = 0.004;
 const MIN_SPREAD_OF_POINTS: f64 = 0.05;
@@ -48,7 +48,7 @@ pub struct View {
 #[derive(Clone, Debug)]
 pub struct ResidualFit {
     /// the light
-    pub light: ResidualLight,
+    pub light: RegionLight,
     /// robust spread of views about their point that it leaves (log light), largest of the bands
     pub spread: f64,
 }
@@ -61,13 +61,13 @@ struct Row {
 }
 
 impl Row {
-    /// Derivatives by the unknowns.
+    /// Derivatives by the unknowns, in their order.
     fn entries(&self) -> impl Iterator<Item = (usize, f64)> {
         let Self { nodes, by_parameter, .. } = *self;
         let of_node = move |(node, weight): (usize, f64)| {
             (0..PARAMETERS).map(move |k| (PARAMETERS * node + k, weight * by_parameter[k]))
         };
-        nodes.into_iter().flat_map(of_node)
+        nodes.into_iter().filter(|(_, weight)| *weight != 0.0).flat_map(of_node)
     }
 }
 
@@ -96,7 +96,7 @@ pub fn fit(points: &[Vec<View>], frames: usize, bands: usize) -> Option<Residual
     if !is_enough || x[1] <= x[0] || y[1] <= y[0] || reference_m <= 0.0 {
         return None;
     }
-    let mut light = ResidualLight {
+    let mut light = RegionLight {
         grid: ImageGrid { x, y, columns: COLUMNS, rows: ROWS },
         reference_m: rounded(reference_m),
         range_m: extent(&|v| v.range_m),
@@ -119,7 +119,7 @@ pub fn fit(points: &[Vec<View>], frames: usize, bands: usize) -> Option<Residual
 }
 
 impl Problem {
-    fn new(points: &[Vec<View>], model: &ResidualLight, frames: usize) -> Self {
+    fn new(points: &[Vec<View>], model: &RegionLight, frames: usize) -> Self {
         let row = |view: &View| Row {
             nodes: model.grid.around(view.place.0, view.place.1),
             by_parameter: model.derivatives(view.range_m),
@@ -166,32 +166,39 @@ impl Problem {
         (within.max(MIN_SPREAD), between.max(MIN_SPREAD_OF_POINTS))
     }
 
-    /// Normal equations of a band, weights by what a solution leaves. Of a point with the diagonal
-    /// weights W they are W − W 1 1ᵀ W / (Σ w + 1 / σ²), where σ is the spread of points.
+    /// Normal equations of a band, their lower triangle, weights by what a solution leaves. Of a
+    /// point with the diagonal weights W they are W − W 1 1ᵀ W / (Σ w + 1 / σ²), where σ is the
+    /// spread of points.
     fn system(&self, band: usize, off: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
         let (spread, spread_of_points) = self.spreads(off);
         let prior = 1.0 / (spread_of_points.powi(2) * self.together);
         let mut normal = DMatrix::zeros(self.unknowns(), self.unknowns());
         let mut right = DVector::zeros(self.unknowns());
+        // Σ w x of a point, and the unknowns in it.
+        let mut sum = vec![0.0; self.unknowns()];
+        let mut touched: Vec<usize> = Vec::new();
         for point in &self.points {
             let middle = stats::median(&off[point.clone()]);
-            let (mut sum, mut total, mut sum_of_light) = (Vec::new(), prior, 0.0);
+            let (mut total, mut sum_of_light) = (prior, 0.0);
             for i in point.clone() {
                 let light = self.rows[i].log_ratio[band];
                 let weight = stats::cauchy_weight(off[i] - middle, spread) / spread.powi(2);
                 let entries: Vec<(usize, f64)> = self.rows[i].entries().collect();
-                for (a, by_a) in &entries {
-                    right[*a] += weight * by_a * light;
-                    entries.iter().for_each(|(b, by_b)| normal[(*a, *b)] += weight * by_a * by_b);
+                add_product(&mut normal, &entries, weight);
+                for (a, by_a) in entries {
+                    right[a] += weight * by_a * light;
+                    sum[a] += weight * by_a;
+                    touched.push(a);
                 }
-                sum.extend(entries.into_iter().map(|(a, by_a)| (a, weight * by_a)));
                 total += weight;
                 sum_of_light += weight * light;
             }
-            for (a, by_a) in &sum {
-                right[*a] -= by_a * sum_of_light / total;
-                sum.iter().for_each(|(b, by_b)| normal[(*a, *b)] -= by_a * by_b / total);
-            }
+            touched.sort_unstable();
+            touched.dedup();
+            let of_point: Vec<(usize, f64)> =
+                touched.drain(..).map(|a| (a, std::mem::take(&mut sum[a]))).collect();
+            of_point.iter().for_each(|(a, by_a)| right[*a] -= by_a * sum_of_light / total);
+            add_product(&mut normal, &of_point, -1.0 / total);
         }
         self.add_priors(&mut normal);
         (normal, right)
@@ -209,14 +216,20 @@ impl Problem {
                 let down = (region / columns + 2 < rows).then_some(columns);
                 for step in along.into_iter().chain(down) {
                     let bend = [(region, 1.0), (region + step, -2.0), (region + 2 * step, 1.0)];
-                    for ((a, by_a), (b, by_b)) in
-                        bend.iter().flat_map(|a| bend.iter().map(move |b| (*a, *b)))
-                    {
-                        normal[(at(a), at(b))] += SMOOTH[k].powi(-2) * by_a * by_b;
-                    }
+                    add_product(normal, &bend.map(|(r, by)| (at(r), by)), SMOOTH[k].powi(-2));
                 }
             }
         }
+    }
+}
+
+/// Adds weight · x xᵀ to the lower triangle, of entries in the order of the unknowns.
+fn add_product(normal: &mut DMatrix<f64>, x: &[(usize, f64)], weight: f64) {
+    debug_assert!(x.is_sorted_by_key(|(unknown, _)| *unknown));
+    let rows = normal.nrows();
+    for (k, (b, by_b)) in x.iter().enumerate() {
+        let column = &mut normal.as_mut_slice()[b * rows..(b + 1) * rows];
+        x[k..].iter().for_each(|(a, by_a)| column[*a] += weight * by_b * by_a);
     }
 }
 

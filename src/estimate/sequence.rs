@@ -333,9 +333,12 @@ fn checked(
     let estimated = || with_drift(data, can_tell, config, &|data| estimate(data, config));
     let check = || known.or_else(|| check_mounts(data, mounts.instrument, config));
     let (found, estimated) = join(check, estimated);
-    let is_not_level = found.and_then(|fit| fit.contradicts_level());
-    let judged = estimated.map(|estimate| Estimate {
-        not_identified: estimate.not_identified.or(is_not_level),
+    let Some(is_not_level) = found.and_then(|fit| fit.contradicts_level()) else {
+        return (found, estimated);
+    };
+    // What the slope leaves looks like water that changes.
+    let judged = estimate(data, config).map(|estimate| Estimate {
+        not_identified: estimate.not_identified.or(Some(is_not_level)),
         ..estimate
     });
     (found, judged)

@@ -8,6 +8,8 @@
 //! what it leaves of the light or without, empirical model, mean frame and white balance the first
 //! is used that no simpler one is better than.
 
+use std::sync::OnceLock;
+
 use super::Dataset;
 use super::methods::empirical::{EmpiricalFit, RegionSample, Regions, fit};
 use super::residual_fit::{self, ResidualFit, View};
@@ -15,15 +17,18 @@ use super::verdict_figures::{
     EVERY, LogRatio, MAX_JUDGED, agreement, as_shown, corrected, evenness, frames_of, held_out,
     is_held, of_points,
 };
-use crate::config::{EstimateConfig, Estimator};
+use crate::config::{EstimateConfig, Estimator, Switch};
 use crate::image::Bands;
 use crate::model::{
     BeamGrid, EmpiricalForm, ImagingModel, Removal, Verdict, VerdictFigures, VerdictMeasure,
 };
 use crate::parallel::par_map;
-use crate::solver::{Observation, Problem, Track, sample_path};
+use crate::solver::{Observation, Problem, Track, sample_path, thinned};
 use crate::stats;
 
+/// Most observations that residual light is fitted to, to judge it and to use it.
+const MOST_JUDGED: usize = 9_000;
+const MOST_FITTED: usize = 40_000;
 /// Most frames that an empirical model is fitted to.
 const MAX_FITTED: usize = 150;
 /// Reweightings of the solve without the held-out frames.
@@ -32,7 +37,8 @@ const ROUNDS: usize = 5;
 const BETTER: f64 = 0.9;
 /// What the physical model leaves of the light is used if agreement is better by this factor with
 /// it, and by the second where attenuation is identified.
-const LEFT: [f64; 2] = [0.9, 0.75];
+const LEFT: f64 = 0.9;
+const LEFT_IDENTIFIED: f64 = 0.75;
 /// … and there by this share of the spread between points, too: a part of a per cent of the light.
 const LEAST_LEFT: f64 = 0.01;
 /// Refined ranges are used if they make both colour and brightness of held-out frames more even by
@@ -88,6 +94,8 @@ pub struct Case<'c> {
     pub is_identified: bool,
     /// the settings
     pub config: &'c EstimateConfig,
+    /// what the model leaves of the light, once it is fitted
+    pub residual: OnceLock<Option<ResidualFit>>,
 }
 
 impl Case<'_> {
@@ -104,11 +112,9 @@ impl Case<'_> {
         let is_identified = self.is_identified && is_joint;
         let full = verdict.of(FULL).map_or(f64::INFINITY, VerdictFigures::score);
         let raw = verdict.of(RAW).map_or(f64::INFINITY, VerdictFigures::score);
-        let left = verdict.of(RESIDUAL).map_or(f64::INFINITY, VerdictFigures::score);
-        let least = if is_identified { LEAST_LEFT } else { 0.0 };
-        let leaves_light = left < LEFT[usize::from(is_identified)] * full - least;
+        let leaves_light = self.leaves_light(&verdict, is_identified);
         let physical = if leaves_light { RESIDUAL } else { FULL };
-        let residual = || if leaves_light { self.residual() } else { None };
+        let residual = || self.residual().filter(|_| leaves_light).cloned();
         if !is_forced && (is_chosen || (is_identified && full <= raw)) {
             verdict.used = physical.into();
             verdict.figures.retain(|f| f.name == RAW || f.name == FULL || f.name == physical);
@@ -123,6 +129,25 @@ impl Case<'_> {
         verdict.used = fitted.as_ref().map_or(physical, |f| f.model.form.name()).into();
         let residual = if fitted.is_none() { residual() } else { None };
         Judgement { verdict: Some(verdict), residual, empirical: fitted }
+    }
+
+    /// Whether the physical model leaves light that is worth removing.
+    fn leaves_light(&self, verdict: &Verdict, is_identified: bool) -> bool {
+        let figures = verdict.of(FULL).zip(verdict.of(RESIDUAL));
+        let Some([full, left]) = figures.map(|(a, b)| [a, b].map(VerdictFigures::score)) else {
+            return false;
+        };
+        match self.config.residual_light {
+            Switch::Off => false,
+            Switch::On => left.is_finite(),
+            Switch::Auto if is_identified => left < LEFT_IDENTIFIED * full - LEAST_LEFT,
+            // What is not identified has nothing to lose: no figure worse than raw comes first.
+            Switch::Auto => {
+                let is_remedy = is_worse_than_raw(verdict, FULL, (1.0, 0.0))
+                    && !is_worse_than_raw(verdict, RESIDUAL, (1.0, 0.0));
+                left < if is_remedy { full } else { LEFT * full }
+            }
+        }
     }
 
     /// Agreement of the same point; `None` where too few points are seen again.
@@ -181,16 +206,15 @@ impl Case<'_> {
     fn physical(&self, log_ratio: &LogRatio<'_>) -> (Option<f64>, Option<f64>) {
         let (data, bands) = (self.data, self.data.bands());
         let full = agreement(data.tracks, bands, log_ratio);
-        let left = self.residual_of(log_ratio, |f| !is_held(f)).and_then(
-            |ResidualFit { light, .. }| {
-                let value = |o: &Observation| {
-                    let (x, y, range_m) = data.ray(&o.sample);
-                    let (ratio, left) = (log_ratio(o)?, light.log_light(x, y, range_m));
-                    Some(std::array::from_fn(|b| ratio[b] - left[b]))
-                };
-                agreement(data.tracks, bands, &value)
-            },
-        );
+        let fitted = self.residual_of(log_ratio, (|f| !is_held(f), MOST_JUDGED));
+        let left = fitted.and_then(|ResidualFit { light, .. }| {
+            let value = |o: &Observation| {
+                let (x, y, range_m) = data.ray(&o.sample);
+                let (ratio, left) = (log_ratio(o)?, light.log_light(x, y, range_m));
+                Some(std::array::from_fn(|b| ratio[b] - left[b]))
+            };
+            agreement(data.tracks, bands, &value)
+        });
         (full, left)
     }
 
@@ -198,22 +222,26 @@ impl Case<'_> {
     fn residual_of(
         &self,
         log_ratio: &LogRatio<'_>,
-        wanted: impl Fn(u32) -> bool + Sync,
+        (wanted, most): (impl Fn(u32) -> bool + Sync, usize),
     ) -> Option<ResidualFit> {
         let data = self.data;
+        if self.config.residual_light == Switch::Off {
+            return None;
+        }
         let view = |o: &Observation| {
             let (x, y, range_m) = data.ray(&o.sample);
             let log_ratio = log_ratio(o).filter(|ratio| ratio.iter().all(|v| v.is_finite()))?;
             Some(View { place: (x, y), range_m, log_ratio })
         };
         let of_track = |t: &Track| t.iter().filter(|o| wanted(o.frame)).filter_map(view).collect();
-        let points = par_map(data.tracks.iter().collect(), of_track);
+        let points = par_map(thinned(data.tracks, most).iter().collect(), of_track);
         residual_fit::fit(&points, data.frames.len(), data.bands())
     }
 
     /// What the model leaves of the light.
-    fn residual(&self) -> Option<ResidualFit> {
-        self.residual_of(&self.by_model(), |_| true)
+    fn residual(&self) -> Option<&ResidualFit> {
+        let fitted = || self.residual_of(&self.by_model(), (|_| true, MOST_FITTED));
+        self.residual.get_or_init(fitted).as_ref()
     }
 
     /// Agreement by the joint solve without the held-out frames, as `physical`.
@@ -241,7 +269,6 @@ impl Case<'_> {
         let regions = self.regions.filter(|r| r.has_enough(EmpiricalForm::FrameAverage))?;
         let all = frames_of(regions, MAX_JUDGED, |_| true);
         let raw = evenness(RAW, regions, &all, &|_, s| Some(s.log_light));
-        let light = self.residual();
         let model = self.model;
         let predicted = self.predicted(regions, model);
         let reflectance: Bands = std::array::from_fn(|b| {
@@ -258,7 +285,7 @@ impl Case<'_> {
             Some(as_shown(s.log_light, direct, [0.0; 3], regions))
         };
         let full = evenness(FULL, regions, &all, &|f, s| physical(f, s, [0.0; 3]));
-        let left = light.map(|ResidualFit { light, .. }| {
+        let left = self.residual().map(|ResidualFit { light, .. }| {
             evenness(RESIDUAL, regions, &all, &|f, s| {
                 let (x, y) = regions.grid.centre(s.region);
                 physical(f, s, light.log_light(x, y, s.range_m))
@@ -288,8 +315,8 @@ impl Case<'_> {
 /// The first form, or the physical model (`None`), that no simpler one is better than.
 fn chosen(verdict: &Verdict, physical: &str, is_forced: bool) -> Option<EmpiricalForm> {
     let measured = |name: &str| verdict.of(name).map_or(f64::INFINITY, VerdictFigures::score);
-    let harmless =
-        |name: &str| if does_harm(verdict, name) { f64::INFINITY } else { measured(name) };
+    let does_harm = |name: &str| is_worse_than_raw(verdict, name, WORSE);
+    let harmless = |name: &str| if does_harm(name) { f64::INFINITY } else { measured(name) };
     let names = || EmpiricalForm::ALL.map(EmpiricalForm::name).into_iter().chain([physical]);
     let best_of = |score: &dyn Fn(&str) -> f64| names().map(score).fold(f64::INFINITY, f64::min);
     let has_harmless = best_of(&harmless) <= NO_HARM * best_of(&measured);
@@ -317,12 +344,12 @@ fn chosen(verdict: &Verdict, physical: &str, is_forced: bool) -> Option<Empirica
     forms.into_iter().find(|form| BETTER * score(form.name()) <= best)
 }
 
-/// Whether a correction makes a figure worse than that of raw light.
-fn does_harm(verdict: &Verdict, name: &str) -> bool {
+/// Whether a correction makes a figure worse than that of raw light, by a factor and by a share.
+fn is_worse_than_raw(verdict: &Verdict, name: &str, (factor, share): (f64, f64)) -> bool {
     let Some((raw, corrected)) = verdict.of(RAW).zip(verdict.of(name)) else { return false };
     let figures = |f: &VerdictFigures| [f.agreement, f.chroma, f.light];
     let is_worse = |(raw, is): (Option<f64>, Option<f64>)| {
-        raw.zip(is).is_some_and(|(raw, is)| is > WORSE.0 * raw + WORSE.1)
+        raw.zip(is).is_some_and(|(raw, is)| is > factor * raw + share)
     };
     figures(raw).into_iter().zip(figures(corrected)).any(is_worse)
 }

@@ -10,7 +10,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::image_grid::ImageGrid;
+use super::region_light::RegionLight;
 use crate::image::Bands;
 
 /// Form of an empirical model, the simplest last.
@@ -62,17 +62,9 @@ impl EmpiricalForm {
 pub struct EmpiricalModel {
     /// the form that was chosen
     pub form: EmpiricalForm,
-    /// the regions
+    /// direct light: a is the log of a share of full scale, n is 0
     #[serde(flatten)]
-    pub grid: ImageGrid,
-    /// ℓ_0 (m)
-    pub reference_m: f64,
-    /// slant ranges of the samples; others take the nearest (m)
-    pub range_m: [f64; 2],
-    /// a per band and region, rows first (log of a share of full scale)
-    pub log_level: Vec<Vec<f64>>,
-    /// b (1/m)
-    pub slope_per_m: Vec<Vec<f64>>,
+    pub direct: RegionLight,
     /// B (share of full scale)
     pub backscatter: Vec<Vec<f64>>,
 }
@@ -83,38 +75,38 @@ impl EmpiricalModel {
     /// # Errors
     /// A sentence about what is missing.
     pub fn check(&self, bands: usize) -> Result<(), String> {
-        let parts = [&self.log_level, &self.slope_per_m, &self.backscatter];
-        self.grid.check(parts, bands).map_err(|what| format!("empirical needs {what}"))
+        let backscatter = || self.direct.grid.check([&self.backscatter], bands);
+        let checked = self.direct.check(bands).and_then(|()| backscatter());
+        checked.map_err(|what| format!("empirical needs {what}"))
     }
 
     /// Log of direct light of a seafloor of reflectance 1, and backscatter, per band.
     pub fn light(&self, x: f64, y: f64, slant_range_m: f64) -> (Bands, Bands) {
-        let around = self.grid.around(x, y);
-        let mean = |values: &[f64]| around.iter().map(|(i, w)| values[*i] * w).sum::<f64>();
-        let range_m = slant_range_m.clamp(self.range_m[0], self.range_m[1]);
-        let (mut log_direct, mut scattered) = ([0.0; 3], [0.0; 3]);
-        for b in 0..self.log_level.len().min(3) {
-            let slope = mean(&self.slope_per_m[b]);
-            log_direct[b] = mean(&self.log_level[b]) - slope * (range_m - self.reference_m);
-            scattered[b] = mean(&self.backscatter[b]).max(0.0);
-        }
-        (log_direct, scattered)
+        let around = self.direct.grid.around(x, y);
+        let mean = |values: &Vec<f64>| around.iter().map(|(i, w)| values[*i] * w).sum::<f64>();
+        let scattered =
+            std::array::from_fn(|b| self.backscatter.get(b).map_or(0.0, |v| mean(v).max(0.0)));
+        (self.direct.at(&around, slant_range_m), scattered)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::ImageGrid;
 
     #[test]
     fn light_is_smooth_over_the_image_and_falls_with_range() {
         let model = EmpiricalModel {
             form: EmpiricalForm::Backscatter,
-            grid: ImageGrid { x: [-1.0, 1.0], y: [-0.5, 0.5], columns: 4, rows: 2 },
-            reference_m: 2.0,
-            range_m: [1.0, 3.0],
-            log_level: vec![vec![0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0, 13.0]],
-            slope_per_m: vec![vec![0.5; 8]],
+            direct: RegionLight {
+                grid: ImageGrid { x: [-1.0, 1.0], y: [-0.5, 0.5], columns: 4, rows: 2 },
+                reference_m: 2.0,
+                range_m: [1.0, 3.0],
+                log_level: vec![vec![0.0, 1.0, 2.0, 3.0, 10.0, 11.0, 12.0, 13.0]],
+                slope_per_m: vec![vec![0.5; 8]],
+                exponent: Vec::new(),
+            },
             backscatter: vec![vec![0.01; 8]],
         };
         assert_eq!(model.check(1), Ok(()));

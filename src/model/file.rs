@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AttenuationOverTime, BackscatterFile, BeamGrid, BeamPattern, CameraFile, DaylightFile,
-    EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, ResidualLight,
+    EmpiricalModel, FrameGainFile, GeometryFile, ImagingModel, LightSettingFile, RegionLight,
     SpreadingModel, TiltsFile, Verdict,
 };
 use crate::config::{Estimator, Method, Spreading};
@@ -234,7 +234,7 @@ pub struct ModelFile {
     pub daylight: Option<DaylightFile>,
     /// what attenuation and beam pattern leave of the light, where they do not explain it
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub residual_light: Option<ResidualLight>,
+    pub residual_light: Option<RegionLight>,
     /// light by regions of the image, where it corrects held-out frames better than attenuation and
     /// beam pattern
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -353,7 +353,8 @@ impl ModelFile {
             return Err(format!("attenuation_per_m = {alpha} is that of no water"));
         }
         file.imaging_model()?;
-        file.residual_light.as_ref().map_or(Ok(()), |r| r.check(bands))?;
+        let residual = file.residual_light.as_ref().map_or(Ok(()), |r| r.check(bands));
+        residual.map_err(|what| format!("residual_light needs {what}"))?;
         file.empirical.as_ref().map_or(Ok(()), |e| e.check(bands))?;
         if file.diagnostics.is_empty() {
             let because = file.not_identified_because.iter();

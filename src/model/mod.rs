@@ -26,7 +26,7 @@ mod frame_gain;
 mod image_grid;
 mod light_setting;
 pub mod limited;
-mod residual;
+mod region_light;
 mod verdict;
 
 pub use backscatter::{
@@ -47,7 +47,7 @@ pub use file::{
 pub use frame_gain::FrameGainFile;
 pub use image_grid::ImageGrid;
 pub use light_setting::{LightLaw, LightSettingFile};
-pub use residual::ResidualLight;
+pub use region_light::RegionLight;
 pub use verdict::{Verdict, VerdictFigures, VerdictMeasure};
 
 use std::sync::Arc;
@@ -103,7 +103,7 @@ pub struct ImagingModel {
     /// daylight on the seafloor, where the log shows it
     pub daylight: Option<Daylight>,
     /// what all of the above leave of the light, where they do not explain it
-    pub residual: Option<Arc<ResidualLight>>,
+    pub residual: Option<Arc<RegionLight>>,
     /// light by regions of the image, which full correction uses instead of all of the above
     pub empirical: Option<Arc<EmpiricalModel>>,
 }

@@ -20,7 +20,7 @@ use crate::image::transfer::Transfer;
 use crate::model::limited::without_backscatter;
 use crate::model::{
     AttenuationKind, BackscatterFile, BeamPatternFile, CameraFile, FORMAT, GainLawFile, GainsFile,
-    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RenderingFile, ResidualLight,
+    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RegionLight, RenderingFile,
     ResponseFile, SpreadingModel, StrobeFile, VignettingFile,
 };
 use crate::session::survey::Survey;
@@ -113,6 +113,9 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
     let frames = found.drop_outs;
     if frames > 0 {
         diagnostics.push(EstimateFact::DropOuts { frames }.into());
+    }
+    if found.judgement.residual.is_some() {
+        diagnostics.push(EstimateFact::ResidualLight.into());
     }
     if let Some(fit) = &found.judgement.empirical {
         let form = fit.model.form.word().into();
@@ -259,11 +262,7 @@ fn exposure_of(
 }
 
 /// Samples without the light that a model leaves.
-fn without_residual(
-    frames: &[FrameSamples],
-    light: &ResidualLight,
-    rig: &Rig,
-) -> Vec<FrameSamples> {
+fn without_residual(frames: &[FrameSamples], light: &RegionLight, rig: &Rig) -> Vec<FrameSamples> {
     let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
     let mut without = frames.to_vec();
     for (_, sample) in without.iter_mut().flat_map(|f| &mut f.grid) {
@@ -297,7 +296,7 @@ fn empirical_exposure(
         frame.grid.iter().map(of_sample).collect::<Vec<_>>()
     };
     let samples: Vec<([f32; 3], Bands)> = frames.iter().enumerate().flat_map(of_frame).collect();
-    rendering_of(&samples, fit.model.log_level.len(), white_level, &config.render)
+    rendering_of(&samples, fit.model.direct.log_level.len(), white_level, &config.render)
 }
 
 /// The strobe a model was made with, in this rig; the rig's own where the model says nothing.

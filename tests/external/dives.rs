@@ -54,9 +54,6 @@ fn stonefish(data: &Path) -> Result<(), Failed> {
     finishes(data, "stonefish/sf_w020_square_srgb.mcap", 25).map(drop)
 }
 
-/// Figures of a few frames are not known better than this (a part of them).
-const KNOWN_TO: f64 = 0.02;
-
 /// A real dive comes out, and no figure of its verdict is worse than that of the raw images.
 fn is_not_worse_than_raw(data: &Path, log: &str, frames: usize) -> Result<(), Failed> {
     let verdict = finishes(data, log, frames)?.verdict.ok_or("no verdict")?;
@@ -69,8 +66,7 @@ fn is_not_worse_than_raw(data: &Path, log: &str, frames: usize) -> Result<(), Fa
     ];
     for (what, raw, used) in pairs {
         let (Some(raw), Some(used)) = (raw, used) else { continue };
-        let is_no_worse = used <= raw * (1.0 + KNOWN_TO);
-        ensure(is_no_worse, format!("{log}: {what} is {used:.3}, raw images have {raw:.3}"))?;
+        ensure(used <= raw, format!("{log}: {what} is {used:.3}, raw images have {raw:.3}"))?;
     }
     Ok(())
 }

@@ -568,6 +568,9 @@ fn two_strobes_are_modelled_as_two() {
     let (one, _) = judged(&dive, &named);
     // One lamp does not explain the light of two.
     assert!(v.model.residual_light.is_none() && one.model.residual_light.is_some());
+    named.config.estimate.residual_light = Switch::Off;
+    let (one, _) = judged(&dive, &named);
+    assert!(one.reflectance_error[1] > 1.5 * v.reflectance_error[1]);
     let bounds = Bounds {
         attenuation_per_m: &[0.0012, 0.001, 0.001],
         beam_log: 0.0161,

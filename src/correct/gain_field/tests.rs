@@ -10,7 +10,7 @@ use crate::image::noise::Noise;
 use crate::image::transfer::Transfer;
 use crate::image::{Container, LinearImage, interleaved};
 use crate::model::{
-    BeamGrid, BeamPattern, ImageGrid, ImagingModel, RenderingFile, ResidualLight, SpreadingModel,
+    BeamGrid, BeamPattern, ImageGrid, ImagingModel, RegionLight, RenderingFile, SpreadingModel,
 };
 use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
@@ -134,7 +134,7 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
 /// What the model leaves of the light is divided out once, at its own place and slant range.
 #[test]
 fn residual_light_is_divided_out() {
-    let residual = ResidualLight {
+    let residual = RegionLight {
         grid: ImageGrid { x: [-0.6, 0.6], y: [-0.4, 0.4], columns: 2, rows: 2 },
         reference_m: 2.0,
         range_m: [1.0, 4.0],

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::regions::{RegionSample, Regions, rounded};
 use crate::image::Bands;
-use crate::model::{EmpiricalForm, EmpiricalModel};
+use crate::model::{EmpiricalForm, EmpiricalModel, RegionLight};
 use crate::parallel::par_map;
 use crate::stats;
 
@@ -307,14 +307,17 @@ impl<'r> Fit<'r> {
         let grid = self.regions.grid;
         let model = EmpiricalModel {
             form: self.form,
-            grid: grid.rounded(),
-            reference_m: rounded(self.reference_m),
-            range_m: [
-                rounded(ranges().fold(f64::INFINITY, f64::min)),
-                rounded(ranges().fold(0.0, f64::max)),
-            ],
-            log_level: of(0),
-            slope_per_m: of(1),
+            direct: RegionLight {
+                grid: grid.rounded(),
+                reference_m: rounded(self.reference_m),
+                range_m: [
+                    rounded(ranges().fold(f64::INFINITY, f64::min)),
+                    rounded(ranges().fold(0.0, f64::max)),
+                ],
+                log_level: of(0),
+                slope_per_m: of(1),
+                exponent: Vec::new(),
+            },
             backscatter: backscatter.collect(),
         };
         EmpiricalFit {
