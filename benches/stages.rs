@@ -16,9 +16,12 @@ use unwater::estimate::sample_frame;
 use unwater::geometry::{SeafloorPlane, Support, View};
 use unwater::image::decode::{CameraResponse, PixelValues, read_pixels};
 use unwater::image::noise::Noise;
-use unwater::image::transfer::{Shoulder, SrgbTable};
+use unwater::image::tone::Tone;
+use unwater::image::transfer::SrgbTable;
 use unwater::image::{EncodedImage, ImageShape, LinearImage, SensorImage, encode};
-use unwater::model::{BeamGrid, BeamPattern, ImagingModel, Removal, RenderingFile, SpreadingModel};
+use unwater::model::{
+    BeamGrid, BeamPattern, ImagingModel, RangeFactor, Removal, RenderingFile, SpreadingModel,
+};
 use unwater::recording::{Output, Recording, Schema, Window};
 use unwater::run::estimate_logs;
 use unwater::session::{Options, Silent};
@@ -126,6 +129,7 @@ impl Scene {
                 median_correction: vec![8.0, 5.0, 4.0],
                 median_reflectance: Vec::new(),
                 shoulder_from: None,
+                contrast_curve: None,
                 white_level: None,
             },
             means: MeanFrames::default(),
@@ -156,7 +160,7 @@ impl Scene {
             view: &view,
             gain: 1.0,
             balance: [1.0; 3],
-            range_factor: 1.0,
+            range_factor: RangeFactor::default(),
             noise: &noise,
             rectified: None,
         };
@@ -207,7 +211,7 @@ fn geometry(bencher: Bencher) {
 #[divan::bench]
 fn kernel_rgb8(bencher: Bencher) {
     let (scene, codes, table) =
-        (Scene::new(), raw("rgb8", &rgb8(), 3), SrgbTable::new(Shoulder { knee: 0.75 }));
+        (Scene::new(), raw("rgb8", &rgb8(), 3), SrgbTable::new(Tone::Shoulder { knee: 0.75 }));
     let mut out = Vec::with_capacity(SIZE.0 * SIZE.1 * 3);
     bencher.counter(pixels()).bench_local(|| scene.correct(&codes, &table, &mut out));
 }
@@ -216,8 +220,11 @@ fn kernel_rgb8(bencher: Bencher) {
 fn kernel_bayer16(bencher: Bencher) {
     let mosaic: Vec<u8> =
         rgb8().chunks_exact(3).flat_map(|p| (u16::from(p[1]) << 8).to_le_bytes()).collect();
-    let (scene, codes, table) =
-        (Scene::new(), raw("bayer_rggb16", &mosaic, 2), SrgbTable::new(Shoulder { knee: 0.75 }));
+    let (scene, codes, table) = (
+        Scene::new(),
+        raw("bayer_rggb16", &mosaic, 2),
+        SrgbTable::new(Tone::Shoulder { knee: 0.75 }),
+    );
     let mut out = Vec::with_capacity(SIZE.0 * SIZE.1 * 3);
     bencher.counter(pixels()).bench_local(|| scene.correct(&codes, &table, &mut out));
 }

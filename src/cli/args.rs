@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::config::{
-    Compression, Config, EstimateConfig, Estimator, ImageFormat, LightConfig, Method, OutputConfig,
-    OutputEncoding, RenderConfig, SelfCalibration, Spreading, StrobePosition, Switch, settings,
+    Compression, Config, EstimateConfig, Estimator, ImageFormat, LightConfig, Look, Method,
+    OutputConfig, OutputEncoding, RenderConfig, SelfCalibration, Spreading, StrobePosition, Switch,
+    settings,
 };
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;
@@ -270,7 +271,7 @@ mod tests {
             assert_eq!(names.join(" | "), setting.unit, "{}", setting.key);
             checked += 1;
         }
-        assert_eq!(checked, 11);
+        assert_eq!(checked, 13);
         assert_eq!(Switch::value_variants().len(), 3);
     }
 }

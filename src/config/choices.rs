@@ -99,6 +99,18 @@ pub enum StrobePosition {
     Find,
 }
 
+/// How corrected light is shown in 8 bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum Look {
+    /// proportional to reflectance below the shoulder
+    #[default]
+    Measured,
+    /// for people: more contrast about the median seafloor, by one invertible curve for the log
+    Natural,
+}
+
 /// What pass two removes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]

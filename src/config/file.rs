@@ -1,6 +1,6 @@
 //! The settings as a TOML file: read, checked, and written with unit and reason of each.
 
-use super::{Config, ImageFormat, SETTINGS};
+use super::{Config, ImageFormat, Look, SETTINGS};
 use crate::toml_file;
 
 impl Config {
@@ -40,6 +40,9 @@ impl Config {
     /// A sentence naming the key.
     pub fn ensure_valid(&self) -> Result<(), String> {
         self.ensure_rules()?;
+        if self.render.look == Look::Natural && self.render.depth == 16 {
+            return Err("--look natural is for 8 bits: images of --depth 16 are linear".into());
+        }
         if self.render.depth == 16 && self.render.image_format == ImageFormat::Jpeg {
             return Err("a JPEG holds 8 bits: use --image-format png or raw with --depth 16".into());
         }

@@ -12,11 +12,11 @@ mod settings;
 use serde::{Deserialize, Serialize};
 
 pub use self::choices::{
-    Compression, Estimator, ImageFormat, Method, OutputEncoding, SelfCalibration, Spreading,
+    Compression, Estimator, ImageFormat, Look, Method, OutputEncoding, SelfCalibration, Spreading,
     StrobePosition, Switch, WhiteBalance,
 };
 pub(crate) use self::settings::settings;
-use crate::image::transfer::{Shoulder, Transfer};
+use crate::image::transfer::Transfer;
 
 /// A key of the configuration.
 pub struct Setting {
@@ -105,12 +105,5 @@ impl MatchingConfig {
     /// Factor by which an image is reduced for keypoint detection.
     pub fn reduction(&self, width: usize, height: usize) -> usize {
         width.max(height).div_ceil(self.detection_side_px).max(1)
-    }
-}
-
-impl RenderConfig {
-    /// Corrected light that is shown as white.
-    pub fn white(&self) -> f64 {
-        if self.depth == 16 { 1.0 } else { Shoulder { knee: self.shoulder_from }.white() }
     }
 }

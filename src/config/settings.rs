@@ -148,6 +148,12 @@ macro_rules! settings {
                 "one exposure per log: this share of the seafloor stays below highlight_level";
             highlight_level: f64 = 0.75, "share of white",
                 "leaves headroom for single bright pixels";
+            median_level: f64 = 0.3, "share of white",
+                "the median seafloor is no brighter: an even one would be near white",
+                must("lie in 0.01 to 1", |share| (0.01..=1.0).contains(share));
+            look: Look = Look::Measured, "measured | natural",
+                "natural: a tone curve for people, in 8 bits only",
+                option("look", "LOOK", "How corrected light is shown in 8-bit images");
             shoulder_from: f64 = 0.75, "share of white",
                 "above it 8-bit images are compressed towards white instead of clipped; 1 clips. \
                  16-bit images are never compressed",

@@ -3,9 +3,10 @@
 //! Estimated per method, since each removes different terms, but never per image: brighter pixels
 //! in the output are brighter on the seafloor.
 
-use crate::config::{RenderConfig, WhiteBalance};
+use crate::config::{Look, RenderConfig, WhiteBalance};
 use crate::geometry::LightPath;
 use crate::image::Bands;
+use crate::image::tone::{ContrastCurve, Tone};
 use crate::model::{ImagingModel, Removal, RenderingFile};
 use crate::stats::{median, quantile};
 
@@ -60,9 +61,14 @@ pub fn rendering_of(
     let brightest = corrected
         .iter()
         .map(|c| (0..bands).map(|b| c[b] + balance[b].ln()).fold(f64::NEG_INFINITY, f64::max));
-    let highlight = quantile(&brightest.collect::<Vec<_>>(), config.highlight_quantile);
-    let exposure =
-        if highlight.is_finite() { config.highlight_level / highlight.exp() } else { 1.0 };
+    let brightest: Vec<f64> = brightest.collect();
+    let highlight = quantile(&brightest, config.highlight_quantile);
+    let middle = median(&brightest);
+    let exposure = if highlight.is_finite() {
+        (config.highlight_level / highlight.exp()).min(config.median_level / middle.exp())
+    } else {
+        1.0
+    };
     let median_correction = medians.iter().map(|m| finite_or_one(m.exp())).collect();
     let gain = match config.method {
         method if method.is_baseline() => vec![1.0; bands],
@@ -75,7 +81,22 @@ pub fn rendering_of(
         median_correction,
         median_reflectance: (0..bands).map(|b| finite_or_one(reflectance(b).exp())).collect(),
         shoulder_from: Some(config.shoulder_from),
+        contrast_curve: None,
         white_level,
+    }
+}
+
+/// The curve that an exposure is shown by.
+pub fn tone(config: &RenderConfig, exposure: &RenderingFile) -> Tone {
+    let shown = exposure.gain.iter().zip(&exposure.median_reflectance).map(|(g, m)| g * m);
+    match config.look {
+        // 16 bits are linear.
+        _ if config.depth == 16 => Tone::Shoulder { knee: 1.0 },
+        // The median of a baseline's output is not known.
+        Look::Natural if !config.method.is_baseline() => {
+            Tone::Contrast(ContrastCurve::about(shown.sum::<f64>() / exposure.gain.len() as f64))
+        }
+        _ => Tone::Shoulder { knee: config.shoulder_from },
     }
 }
 

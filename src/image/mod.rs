@@ -17,6 +17,7 @@ mod packed;
 mod pixel_values;
 pub mod reduce;
 pub mod response;
+pub mod tone;
 pub mod transfer;
 mod vectorised;
 mod yuv;

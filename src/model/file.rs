@@ -15,6 +15,7 @@ use super::{
 };
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
+use crate::image::tone::ContrastCurve;
 use crate::vehicle::StrobeSource;
 
 /// The value of `format`.
@@ -143,6 +144,9 @@ pub struct RenderingFile {
     /// light above this is bent towards white in 8-bit pictures; cut off at white where absent
     #[serde(default)]
     pub shoulder_from: Option<f64>,
+    /// natural look: instead of it
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contrast_curve: Option<ContrastCurve>,
     /// code of full scale of 16-bit pictures
     pub white_level: Option<u16>,
 }

@@ -2,7 +2,8 @@
 
 use base64::Engine as _;
 
-use crate::image::transfer::{Shoulder, SrgbTable};
+use crate::image::tone::Tone;
+use crate::image::transfer::SrgbTable;
 use crate::image::{ImageShape, LinearImage, encode};
 use crate::stats::quantile;
 
@@ -88,13 +89,13 @@ pub fn exposure<'i>(images: impl Iterator<Item = &'i LinearImage>) -> f32 {
 
 /// 8-bit sRGB values of light times a factor, with highlight compression.
 pub fn to_srgb(image: &LinearImage, factor: f32) -> Vec<u8> {
-    let srgb = SrgbTable::new(Shoulder { knee: BRIGHT_LEVEL });
+    let srgb = SrgbTable::new(Tone::Shoulder { knee: BRIGHT_LEVEL });
     image.pixels.iter().map(|v| srgb.encode(v * factor)).collect()
 }
 
 /// 8-bit sRGB values of light whose highlights are already compressed.
 pub fn srgb_of_rendered(image: &LinearImage) -> Vec<u8> {
-    let srgb = SrgbTable::new(Shoulder { knee: 1.0 });
+    let srgb = SrgbTable::new(Tone::Shoulder { knee: 1.0 });
     image.pixels.iter().map(|v| srgb.encode(*v)).collect()
 }
 

@@ -4,7 +4,7 @@
 use crate::correct::{self, Corrected, Correction, FrameFacts};
 use crate::diagnostics::Reason;
 use crate::error::{self, Error};
-use crate::image::transfer::{Shoulder, SrgbTable};
+use crate::image::transfer::SrgbTable;
 use crate::image::{Bands, ImageShape, encode, interleaved};
 use crate::session::{CameraSession, Frame};
 use crate::vehicle::Camera;
@@ -59,7 +59,7 @@ impl<'c> Corrector<'c> {
             session,
             model,
             correction: model.correction(session, rendering),
-            srgb: SrgbTable::new(Shoulder { knee: rendering.config.shoulder_from }),
+            srgb: SrgbTable::new(correct::tone(rendering.config, rendering.exposure)),
         }
     }
 

@@ -1,11 +1,12 @@
 //! A camera that is ready for pass two: surveyed, with a model and all that is made of it.
 
 use crate::config::Estimator;
-use crate::correct::MeanFrames;
+use crate::correct::{self, MeanFrames};
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, samples_for_model};
 use crate::image::Bands;
+use crate::image::tone::Tone;
 use crate::messages::writer::WireFormat;
 use crate::model::ModelFile;
 use crate::parallel::Threads;
@@ -89,7 +90,12 @@ impl ReadyCamera {
             }
         };
         // Exposure belongs to the model, the treatment of highlights to this run.
+        let tone = correct::tone(&options.config.render, &file.rendering);
         file.rendering.shoulder_from = Some(options.config.render.shoulder_from);
+        file.rendering.contrast_curve = match tone {
+            Tone::Contrast(curve) => Some(curve),
+            Tone::Shoulder { .. } => None,
+        };
         let model = CameraModel::new(&mut session, file, source)?;
         ensure_not_corrected(&session, only(options)?.as_ref())?;
         let missing = session.survey.missing_settings(&model.file);

@@ -4,8 +4,9 @@ use std::path::Path;
 
 use crate::support::judge::{assert_within, images, run_and_show, shown_again, unbend};
 use crate::support::render::Dive;
-use unwater::config::ImageFormat;
+use unwater::config::{ImageFormat, Look};
 use unwater::image::LinearImage;
+use unwater::image::tone::ContrastCurve;
 use unwater::run::correct;
 use unwater::session::{Options, Silent};
 
@@ -51,6 +52,25 @@ fn pixel_values_convert_to_reflectance_also_above_the_shoulder() {
     }
     assert_within("highlights decoded: pixel, relative", f64::from(worst), 0.0178);
     assert!(moved > 0.07, "the shoulder changes pixels by {moved} only");
+
+    // The natural look is another curve of the same light.
+    let median = |band: usize| rendering.gain[band] * rendering.median_reflectance[band];
+    let curve = ContrastCurve::about((0..3).map(median).sum::<f64>() / 3.0);
+    let mut natural = eight;
+    natural.config.render.look = Look::Natural;
+    let shown = shown_again(&verdict.model, &natural, folder.path());
+    let light = |y: f64| {
+        let ContrastCurve { exponent, half, white } = curve;
+        (half * y / (1.0 + half / white.powf(exponent) - y)).powf(1.0 / exponent)
+    };
+    let pairs = || shown.iter().flat_map(|p| &p.pixels).zip(deep.iter().flat_map(|p| &p.pixels));
+    let off: Vec<f64> = pairs()
+        .filter(|(_, x)| (0.1..0.99).contains(*x))
+        .map(|(y, x)| (light(f64::from(*y)) / f64::from(*x) - 1.0).abs())
+        .collect();
+    let worst = off.iter().copied().fold(0.0, f64::max);
+    assert!(off.len() > 20_000);
+    assert_within("natural look decoded: pixel, relative", worst, 0.0178);
 
     // The stated gain: divided by it, light is reflectance but for one factor, and the log's own
     // scale.

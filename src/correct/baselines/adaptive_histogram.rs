@@ -4,7 +4,8 @@
 
 use super::common::MIN_LIGHT;
 use crate::image::LinearImage;
-use crate::image::transfer::{Shoulder, SrgbTable, Transfer};
+use crate::image::tone::Tone;
+use crate::image::transfer::{SrgbTable, Transfer};
 use crate::stats::quantile;
 
 /// Tiles per side, OpenCV's default.
@@ -19,7 +20,7 @@ const BRIGHT_QUANTILE: f64 = 0.999;
 pub fn equalise(image: &mut LinearImage) {
     let values: Vec<f64> = image.pixels.iter().map(|v| f64::from(*v)).collect();
     let bright = (quantile(&values, BRIGHT_QUANTILE) as f32).max(MIN_LIGHT);
-    let (srgb, to_light) = (SrgbTable::new(Shoulder { knee: 1.0 }), Transfer::Srgb.table8());
+    let (srgb, to_light) = (SrgbTable::new(Tone::Shoulder { knee: 1.0 }), Transfer::Srgb.table8());
     for band in 0..image.bands {
         let values: Vec<u8> = image
             .pixels
