@@ -20,7 +20,7 @@ use super::{Correction, FrameFacts, mask};
 use crate::config::Method;
 use crate::geometry::{LightPath, StrobeAngles, View};
 use crate::image::Bands;
-use crate::model::{BeamPattern, EmpiricalModel, RegionLight, Removal};
+use crate::model::{BeamPattern, EmpiricalModel, RangeFactor, RegionLight, Removal};
 
 /// Larger log gains belong to light without any signal.
 const MAX_LOG_GAIN: f32 = 30.0;
@@ -56,7 +56,7 @@ pub struct GainField<'g> {
     residual: Option<&'g RegionLight>,
     /// instead of it
     empirical: Option<&'g EmpiricalModel>,
-    range_factor: f64,
+    range_factor: RangeFactor,
     removal: Removal,
     /// cells that are not interpolated
     uneven: Vec<bool>,
@@ -369,7 +369,7 @@ impl<'g> GainField<'g> {
             return (radiance, self.scattered_at(u, v, path));
         };
         let (x, y) = self.view.camera.image_plane(u, v).unwrap_or((0.0, 0.0));
-        let range_m = path.seafloor_to_camera_m * self.range_factor;
+        let range_m = path.seafloor_to_camera_m * self.range_factor.at(x, y);
         let (log_direct, scattered) = empirical.light(x, y, range_m);
         (log_direct, scattered.map(|light| light as f32))
     }

@@ -18,12 +18,21 @@ const MIN_CELL: usize = 2 * STEP;
 const LIT: f64 = 0.22;
 const UNLIT: f64 = 0.08;
 
+/// Cells to each side that make a part of the image: so large an object of one colour is rare.
+const REACH: usize = 2;
+/// Distances of log colour in a part of the image from the predicted one, up to which it can be the
+/// seafloor's, and from which it is other light's.
+const LIKELY: f64 = 0.9;
+const UNLIKELY: f64 = 1.4;
+
 /// Mean light of cells, without vignetting and the bands' own gains.
 pub struct LightMap {
     size: (usize, usize),
     /// columns and rows
     shape: (usize, usize),
     cells: Vec<Bands>,
+    /// mean of the cells about each
+    parts: Vec<Bands>,
 }
 
 impl LightMap {
@@ -57,7 +66,12 @@ impl LightMap {
         for (cell, counts) in cells.iter_mut().zip(&counts) {
             (0..3).for_each(|b| cell[b] /= counts[b].max(1) as f64);
         }
-        Self { size: (width, height), shape: (columns, rows), cells }
+        Self::of_cells((width, height), (columns, rows), cells)
+    }
+
+    fn of_cells(size: (usize, usize), shape: (usize, usize), cells: Vec<Bands>) -> Self {
+        let parts = (0..cells.len()).map(|i| about(&cells, shape.0, i)).collect();
+        Self { size, shape, cells, parts }
     }
 
     /// Share of its colour that a pixel keeps, by the light that is predicted there.
@@ -70,19 +84,40 @@ impl LightMap {
         let (columns, rows) = self.shape;
         let (column, right) = place(u, self.size.0, columns);
         let (row, down) = place(v, self.size.1, rows);
-        let light = |row: usize, column: usize| {
-            self.cells[row.min(rows - 1) * columns + column.min(columns - 1)]
-        };
-        let mut sum = 0.0;
+        let (mut sum, mut part) = (0.0, [0.0; 3]);
         for (r, by_row) in [(row, 1.0 - down), (row + 1, down)] {
             for (c, by_column) in [(column, 1.0 - right), (column + 1, right)] {
-                sum += by_row * by_column * light(r, c).iter().sum::<f64>();
+                let cell = r.min(rows - 1) * columns + c.min(columns - 1);
+                sum += by_row * by_column * self.cells[cell].iter().sum::<f64>();
+                (0..3).for_each(|b| part[b] += by_row * by_column * self.parts[cell][b]);
             }
         }
         let share = sum / predicted.iter().sum::<f64>().max(1e-12);
-        let x = ((share - UNLIT) / (LIT - UNLIT)).clamp(0.0, 1.0);
-        (x * x * (3.0 - 2.0 * x)) as f32
+        let ratio = |b: usize| (part[b].max(1e-9) / predicted[b].max(1e-9)).ln();
+        let off = (ratio(0) - ratio(1)).abs().max((ratio(2) - ratio(1)).abs());
+        (step((share - UNLIT) / (LIT - UNLIT)) * step((UNLIKELY - off) / (UNLIKELY - LIKELY)))
+            as f32
     }
+}
+
+/// From 0 to 1, smooth.
+fn step(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// Mean of the cells about one.
+fn about(cells: &[Bands], columns: usize, cell: usize) -> Bands {
+    let rows = cells.len() / columns;
+    let near = |i: usize, count: usize| i.saturating_sub(REACH)..(i + REACH + 1).min(count);
+    let (mut sum, mut n) = ([0.0; 3], 0.0);
+    for row in near(cell / columns, rows) {
+        for column in near(cell % columns, columns) {
+            (0..3).for_each(|b| sum[b] += cells[row * columns + column][b]);
+            n += 1.0;
+        }
+    }
+    sum.map(|sum| sum / n)
 }
 
 /// Columns and rows for an image of this size.
@@ -125,7 +160,7 @@ mod tests {
     fn colour_fades_where_light_is_missing() {
         let mut cells = vec![[0.2, 0.4, 0.3]; COLUMNS * ROWS];
         cells[..COLUMNS * 6].fill([0.02, 0.01, 0.005]);
-        let map = LightMap { size: (240, 180), shape: (COLUMNS, ROWS), cells };
+        let map = LightMap::of_cells((240, 180), (COLUMNS, ROWS), cells);
         let predicted = [0.2, 0.4, 0.3];
         assert!(map.colour_share((120.0, 20.0), &predicted).abs() < 1e-6);
         assert!((map.colour_share((120.0, 150.0), &predicted) - 1.0).abs() < 1e-6);
@@ -133,5 +168,17 @@ mod tests {
             (50..80).map(|v| map.colour_share((77.0, f64::from(v)), &predicted)).collect();
         assert!(shares.windows(2).all(|pair| pair[0] <= pair[1]), "{shares:?}");
         assert!(shares.iter().any(|s| (0.2..0.8).contains(s)), "{shares:?}");
+    }
+
+    /// The yellow light of another lamp is not the seafloor's, a red animal is.
+    #[test]
+    fn colour_fades_where_a_part_of_the_image_has_that_of_other_light() {
+        let predicted = [0.05, 0.4, 0.5];
+        let mut cells = vec![predicted; COLUMNS * ROWS];
+        cells[..COLUMNS * 6].fill([0.3, 0.3, 0.03]);
+        cells[COLUMNS * 14 + 12] = [0.4, 0.4, 0.5];
+        let map = LightMap::of_cells((240, 180), (COLUMNS, ROWS), cells);
+        assert!(map.colour_share((120.0, 20.0), &predicted).abs() < 1e-6);
+        assert!((map.colour_share((125.0, 145.0), &predicted) - 1.0).abs() < 1e-6);
     }
 }

@@ -6,11 +6,11 @@
 //! with one gain per band for the whole log.
 //!
 //! A corrected pixel depends on its own raw value, its own light path and numbers of the whole log.
-//! Except in `baselines`, which are there for comparison, no statistic of a single frame affects
-//! it, so what is brighter in the output is brighter on the seafloor. The gain is evaluated on a
-//! coarse grid and interpolated: it is smooth, pixels are many. A frame is processed row by row, so
-//! that the data stay in the cache. Where a ray never meets the seafloor there is no gain: the
-//! pixel stays black and is counted.
+//! Except in `baselines`, which are there for comparison, and but for colour where light is missing
+//! (`light_map`), no statistic of a single frame affects it, so what is brighter in the output is
+//! brighter on the seafloor. The gain is evaluated on a coarse grid and interpolated: it is smooth,
+//! pixels are many. A frame is processed row by row, so that the data stay in the cache. Where a
+//! ray never meets the seafloor there is no gain: the pixel stays black and is counted.
 
 mod baselines;
 mod gain_field;
@@ -24,7 +24,7 @@ mod rendering;
 mod signal;
 
 pub use baselines::{MeanFrames, apply as apply_baseline};
-pub use rendering::{estimate_rendering, rendering_of};
+pub use rendering::{estimate_rendering, rendering_of, tone};
 
 use crate::config::{Method, RenderConfig};
 use crate::geometry::View;
@@ -33,7 +33,7 @@ use crate::image::demosaic::Demosaic;
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
 use crate::image::{Bands, LinearImage, interleaved, vectorised};
-use crate::model::{Backscatter, ImagingModel, RenderingFile, ScatterTable};
+use crate::model::{Backscatter, ImagingModel, RangeFactor, RenderingFile, ScatterTable};
 use crate::vehicle::Camera;
 use gain_field::GainField;
 use gain_rows::{GainRows, Shrinkage};
@@ -108,7 +108,7 @@ pub struct Frame<'f> {
     /// each band's own gain over that
     pub balance: Bands,
     /// factor of its slant ranges, in the empirical model
-    pub range_factor: f64,
+    pub range_factor: RangeFactor,
     /// noise of its pixel values
     pub noise: &'f Noise,
     /// the camera without distortion, where the image is to be rectified
@@ -174,7 +174,7 @@ impl Correction<'_> {
         let Frame { codes, view, .. } = *frame;
         let (width, height, bands) = (codes.width, codes.height, codes.bands());
         let is_baseline = self.config.method.is_baseline();
-        let white = self.config.white() as f32;
+        let white = tone(self.config, self.rendering).white() as f32;
         let is_empirical = self.model.empirical.is_some() && self.config.method == Method::Full;
         let map = (is_empirical && bands > 1)
             .then(|| LightMap::of(codes, frame.flat_field, |y, row| frame.balance_row(y, row)));

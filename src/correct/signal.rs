@@ -16,8 +16,8 @@
 
 use super::light_map::LightMap;
 use crate::image::noise::Noise;
-use crate::model::RenderingFile;
 use crate::model::limited::{EMPIRICAL_BACKSCATTER_ERROR, weight};
+use crate::model::{RangeFactor, RenderingFile};
 
 /// Standard deviation of removed backscatter of the physical model, as a share of it.
 const BACKSCATTER_ERROR: f64 = 0.05;
@@ -36,7 +36,7 @@ pub struct FrameLight<'s> {
     /// its light over its neighbours'
     pub gain: f64,
     /// factor of its slant ranges, in the empirical model
-    pub range_factor: f64,
+    pub range_factor: RangeFactor,
     /// where it got less light than the empirical model predicts
     pub map: Option<&'s LightMap>,
 }
@@ -146,7 +146,8 @@ mod tests {
     #[test]
     fn noise_of_the_result_is_at_most_one_over_the_setting() {
         let noise = noise();
-        let frame = FrameLight { noise: &noise, gain: 1.0, range_factor: 1.0, map: None };
+        let range_factor = RangeFactor::default();
+        let frame = FrameLight { noise: &noise, gain: 1.0, range_factor, map: None };
         let signal = Signal::new(&rendering(), 3, 5.0, false, frame);
         let levels = signal.levels(&rendering());
         for exponent in 0..60 {

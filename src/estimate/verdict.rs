@@ -170,7 +170,7 @@ impl Case<'_> {
                     let value = |o: &Observation| {
                         let (x, y, range_m) = data.ray(&o.sample);
                         let light = color(o).map(|v| v - fitted.log_gains[o.frame as usize]);
-                        let factor = fitted.log_ranges[o.frame as usize].exp();
+                        let factor = fitted.ranges[o.frame as usize].at(x, y);
                         let (direct, scattered) = fitted.model.light(x, y, range_m * factor);
                         Some(corrected(light, direct, scattered))
                     };

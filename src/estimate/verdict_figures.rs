@@ -144,7 +144,7 @@ pub fn held_out(regions: &Regions, form: EmpiricalForm) -> VerdictFigures {
         for f in held {
             for s in regions.frames[f].iter().filter(|s| !regions.grid.refines(s.region)) {
                 let (x, y) = regions.grid.centre(s.region);
-                let range_m = s.range_m * fitted.log_ranges[f].exp();
+                let range_m = s.range_m * fitted.ranges[f].at(x, y);
                 let (direct, scattered) = fitted.model.light(x, y, range_m);
                 let light = s.log_light.map(|v| v - fitted.log_gains[f]);
                 colors.push(as_shown(light, direct, scattered, regions));

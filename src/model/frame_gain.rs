@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::RangeFactor;
 use crate::recording::FrameId;
 
 /// A frame that got another amount of light than others.
@@ -23,6 +24,16 @@ pub struct FrameGainFile {
     /// factor of its slant ranges by its light, in the empirical model; 1 where absent
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub range_factor: f64,
+    /// change of its logarithm by x and y of the image plane; none where absent
+    #[serde(default, skip_serializing_if = "is_level")]
+    pub range_tilt: [f64; 2],
+}
+
+impl FrameGainFile {
+    /// The factor of its slant ranges.
+    pub fn ranges(&self) -> RangeFactor {
+        RangeFactor { log_factor: self.range_factor.ln(), log_tilt: self.range_tilt }
+    }
 }
 
 fn one() -> f64 {
@@ -32,4 +43,8 @@ fn one() -> f64 {
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde passes a reference
 fn is_one(factor: &f64) -> bool {
     *factor == 1.0
+}
+
+fn is_level(tilt: &[f64; 2]) -> bool {
+    *tilt == [0.0; 2]
 }

@@ -26,6 +26,7 @@ mod frame_gain;
 mod image_grid;
 mod light_setting;
 pub mod limited;
+mod range_factor;
 mod region_light;
 mod verdict;
 
@@ -47,6 +48,7 @@ pub use file::{
 pub use frame_gain::FrameGainFile;
 pub use image_grid::ImageGrid;
 pub use light_setting::{LightLaw, LightSettingFile};
+pub use range_factor::RangeFactor;
 pub use region_light::RegionLight;
 pub use verdict::{Verdict, VerdictFigures, VerdictMeasure};
 

@@ -4,7 +4,7 @@ use crate::config::Method;
 use crate::correct::Correction;
 use crate::error::{Error, Result};
 use crate::image::Bands;
-use crate::model::ModelFile;
+use crate::model::{ModelFile, RangeFactor};
 use crate::session::{CameraSession, Frame, FrameGains, FrameRef, Tilts};
 
 use super::model_of::strobe_of;
@@ -77,7 +77,7 @@ impl CameraModel {
     }
 
     /// Factor of a frame's slant ranges, in the empirical model.
-    pub fn range_factor(&self, frame: &FrameRef) -> f64 {
+    pub fn range_factor(&self, frame: &FrameRef) -> RangeFactor {
         self.gains.range_factor(frame)
     }
 

@@ -9,8 +9,8 @@ use crate::image::decode::{CameraResponse, read_pixels};
 use crate::image::flat_field::FlatField;
 use crate::image::noise::{Electrons, Noise};
 use crate::image::response::ResponseTable;
-use crate::image::transfer::{Shoulder, SrgbTable};
-use crate::model::{CameraFile, ImagingModel, ModelFile, RenderingFile};
+use crate::image::transfer::SrgbTable;
+use crate::model::{CameraFile, ImagingModel, ModelFile, RangeFactor, RenderingFile};
 use crate::units::Stamp;
 use crate::vehicle::{Camera, Rig};
 
@@ -87,7 +87,7 @@ impl FrameCorrector {
             Some(reason) => Err(Error::Usage(reason)),
             None => Ok(Self {
                 model: PreparedModel::new(model),
-                srgb: SrgbTable::new(Shoulder { knee: config.render.shoulder_from }),
+                srgb: SrgbTable::new(correct::tone(&config.render, &exposure)),
                 means: MeanFrames::default(),
                 camera: CameraFile::default(),
                 response: None,
@@ -143,7 +143,7 @@ impl FrameCorrector {
             view: &View { camera: &camera, rig: &self.rig, plane, terrain: None },
             gain,
             balance,
-            range_factor: 1.0,
+            range_factor: RangeFactor::default(),
             noise: &Noise::of(&pixels.coding, response, sensor.electrons),
             rectified: rectified.as_ref(),
         };

@@ -20,8 +20,8 @@ use crate::image::transfer::Transfer;
 use crate::model::limited::without_backscatter;
 use crate::model::{
     AttenuationKind, BackscatterFile, BeamPatternFile, CameraFile, FORMAT, GainLawFile, GainsFile,
-    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RegionLight, RenderingFile,
-    ResponseFile, SpreadingModel, StrobeFile, VignettingFile,
+    ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RangeFactor, RegionLight,
+    RenderingFile, ResponseFile, SpreadingModel, StrobeFile, VignettingFile,
 };
 use crate::session::survey::Survey;
 use crate::session::{CameraSession, Options};
@@ -91,10 +91,10 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
 }
 
 /// Log of gain and of range factor per frame.
-fn log_factors(found: &ModelEstimate) -> Vec<(Bands, f64)> {
+fn log_factors(found: &ModelEstimate) -> Vec<(Bands, RangeFactor)> {
     let of_frame = |(f, gain): (usize, &Bands)| match &found.judgement.empirical {
-        Some(fit) => (gain.map(|g| g + fit.log_gains[f]), fit.log_ranges[f]),
-        None => (*gain, 0.0),
+        Some(fit) => (gain.map(|g| g + fit.log_gains[f]), fit.ranges[f]),
+        None => (*gain, RangeFactor::default()),
     };
     found.log_gains.iter().enumerate().map(of_frame).collect()
 }
@@ -282,10 +282,10 @@ fn empirical_exposure(
 ) -> RenderingFile {
     let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
     let of_frame = |(f, frame): (usize, &FrameSamples)| {
-        let (gain, factor) = (fit.log_gains[f] as f32, fit.log_ranges[f].exp());
+        let (gain, factor) = (fit.log_gains[f] as f32, fit.ranges[f]);
         let of_sample = |(_, sample): &(u32, Sample)| {
             let (x, y, range_m) = camera.ray(sample);
-            let (log_direct, scattered) = fit.model.light(x, y, range_m * factor);
+            let (log_direct, scattered) = fit.model.light(x, y, range_m * factor.at(x, y));
             let direct = |b: usize| {
                 let light = (sample.log_color[b] - gain - log_direct[b] as f32).exp();
                 let scattered = (scattered[b] / log_direct[b].exp()) as f32;

@@ -4,7 +4,7 @@ use super::pass_one::Collected;
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, MatchedPair, TiltFit};
 use crate::image::Bands;
-use crate::model::{FrameGainFile, InputFile, TiltFile, TiltsFile};
+use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile};
 use crate::session::{CameraSession, FrameId};
 use crate::stats;
 use crate::vehicle::SettingSeries;
@@ -104,13 +104,13 @@ pub fn tilts_file(
 pub fn frame_gains(
     origins: &[(usize, Option<FrameId>)],
     frames: &[FrameSamples],
-    log_gains: &[(Bands, f64)],
+    log_gains: &[(Bands, RangeFactor)],
 ) -> Vec<FrameGainFile> {
     let frames = origins.iter().zip(frames).zip(log_gains);
     let uneven =
-        frames.filter(|(_, (log_gain, log_range))| *log_gain != [0.0; 3] || *log_range != 0.0);
+        frames.filter(|(_, (log_gain, ranges))| *log_gain != [0.0; 3] || !ranges.is_none());
     uneven
-        .map(|(((input, frame), samples), (log_gain, log_range))| {
+        .map(|(((input, frame), samples), (log_gain, ranges))| {
             let bands = &log_gain[..samples.bands];
             let mean = bands.iter().sum::<f64>() / bands.len() as f64;
             let is_even = bands.iter().all(|gain| *gain == bands[0]);
@@ -120,7 +120,8 @@ pub fn frame_gains(
                 stamp_ns: samples.stamp.0,
                 gain: if is_even { bands[0].exp() } else { mean.exp() },
                 balance: (!is_even).then(|| log_gain.map(|gain| (gain - mean).exp())),
-                range_factor: log_range.exp(),
+                range_factor: ranges.log_factor.exp(),
+                range_tilt: ranges.log_tilt,
             }
         })
         .collect()

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use super::index::FrameRef;
 use crate::error::Result;
 use crate::image::Bands;
-use crate::model::{FrameGainFile, ModelFile};
+use crate::model::{FrameGainFile, ModelFile, RangeFactor};
 use crate::recording::{FrameId, Recording};
 use crate::units::Stamp;
 
 /// Light and slant ranges of a frame, over what they would be: gain per band and range factor.
-type Factors = (Bands, f64);
+type Factors = (Bands, RangeFactor);
 
 /// Gains and range factors of the frames of one log; 1 for all others.
 #[derive(Debug, Default)]
@@ -38,18 +38,17 @@ impl FrameGains {
             return Ok(gains);
         }
         let own = recording.sha256()?;
-        for FrameGainFile { stamp_ns, gain, balance, range_factor, frame, input } in
-            &file.frame_gains
-        {
+        for of_frame in &file.frame_gains {
+            let FrameGainFile { stamp_ns, gain, balance, frame, input, .. } = of_frame;
             let gain = balance.map_or([*gain; 3], |of_band| of_band.map(|own| own * gain));
             let input = file.inputs.get(*input).map(|input| input.sha256.as_str());
             match frame {
                 Some(id) if input == Some(own) => {
-                    gains.by_id.insert(*id, (gain, *range_factor));
+                    gains.by_id.insert(*id, (gain, of_frame.ranges()));
                 }
                 // Models of earlier versions have stamps alone.
                 frame if frame.is_none() || (input.is_some() && input == source_sha256) => {
-                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert((gain, *range_factor));
+                    gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert((gain, of_frame.ranges()));
                 }
                 _ => gains.of_other_logs += 1,
             }
@@ -63,8 +62,8 @@ impl FrameGains {
     }
 
     /// The factor of a frame's slant ranges, in the empirical model.
-    pub fn range_factor(&self, frame: &FrameRef) -> f64 {
-        self.factors(frame).map_or(1.0, |factors| factors.1)
+    pub fn range_factor(&self, frame: &FrameRef) -> RangeFactor {
+        self.factors(frame).map_or(RangeFactor::default(), |factors| factors.1)
     }
 
     fn factors(&self, frame: &FrameRef) -> Option<Factors> {

@@ -56,6 +56,7 @@ fn a_frame_keeps_its_gain_under_another_clock_offset() {
         gain: 0.5,
         balance: None,
         range_factor: 1.0,
+        range_tilt: [0.0; 2],
     };
     let options = offset(&session.survey.camera_topic, 0.02);
     correct(&sample(), &output, Some(model.clone()), &options, &Silent).unwrap();
@@ -130,6 +131,7 @@ fn gains_belong_to_frames_of_their_log() {
         gain,
         balance: None,
         range_factor: 1.0,
+        range_tilt: [0.0; 2],
     };
     // Two frames of one stamp; a frame of another log with the identity of one of this.
     let (first, second, third) = (frame(1, 5), frame(2, 5), frame(3, 9));

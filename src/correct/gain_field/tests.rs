@@ -10,7 +10,8 @@ use crate::image::noise::Noise;
 use crate::image::transfer::Transfer;
 use crate::image::{Container, LinearImage, interleaved};
 use crate::model::{
-    BeamGrid, BeamPattern, ImageGrid, ImagingModel, RegionLight, RenderingFile, SpreadingModel,
+    BeamGrid, BeamPattern, ImageGrid, ImagingModel, RangeFactor, RegionLight, RenderingFile,
+    SpreadingModel,
 };
 use crate::vehicle::{Camera, Lamps, Rig, StrobeMount};
 
@@ -77,6 +78,7 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         median_correction: vec![1.0; 3],
         median_reflectance: Vec::new(),
         shoulder_from: None,
+        contrast_curve: None,
         white_level: None,
     };
     let correction = Correction {
@@ -98,7 +100,12 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         let mut image = LinearImage::new(width, height, 3);
         // A frame that got more light than its neighbours comes out as they do.
         let frame_gain = 1.25;
-        let light = FrameLight { noise: &noise, gain: frame_gain, range_factor: 1.0, map: None };
+        let light = FrameLight {
+            noise: &noise,
+            gain: frame_gain,
+            range_factor: RangeFactor::default(),
+            map: None,
+        };
         image.pixels.fill(frame_gain as f32);
         let field = GainField::new(&correction, &view, (width, height), 3, light);
         let bits = field.marked(vec![0; width * height]);
@@ -161,7 +168,12 @@ fn residual_light_is_divided_out() {
             roughness: model.beam_pattern.roughness(0.05),
             electrons: Default::default(),
         };
-        let light = FrameLight { noise: &noise, gain: 1.0, range_factor: 1.0, map: None };
+        let light = FrameLight {
+            noise: &noise,
+            gain: 1.0,
+            range_factor: RangeFactor::default(),
+            map: None,
+        };
         let field = GainField::new(&correction, &view, (width, height), 3, light);
         let mut image = LinearImage::new(width, height, 3);
         image.pixels.fill(1.0);

@@ -1,12 +1,12 @@
 //! The fit of an empirical model: per region and band a, b and log B by robust Gauss-Newton steps
 //! on log light, held to the mean of the neighbouring regions, so that they are smooth over the
-//! image; and per frame a factor of all slant ranges, and a gain where a lamp failed.
+//! image; and per frame a factor of all slant ranges, its tilt, and a gain where a lamp failed.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::regions::{RegionSample, Regions, rounded};
 use crate::image::Bands;
-use crate::model::{EmpiricalForm, EmpiricalModel, RegionLight};
+use crate::model::{EmpiricalForm, EmpiricalModel, RangeFactor, RegionLight};
 use crate::parallel::par_map;
 use crate::stats;
 
@@ -21,9 +21,13 @@ const MIN_SPREAD: f64 = 0.05;
 /// Damping of a step, and its largest size.
 const DAMPING: f64 = 0.8;
 const MAX_STEP: f64 = 0.5;
-/// Spread of the log factor of a frame's slant ranges; independent regions of a frame.
-const RANGE_SPREAD: f64 = 0.2;
+/// Spread of the log factor of a frame's slant ranges, and of its tilt by x and y of the image plane
+/// (a few degrees in an oblique view); independent regions of a frame.
+const RANGE_SPREAD: [f64; 3] = [0.2, 0.2, 0.2];
 const INDEPENDENT_REGIONS: f64 = 60.0;
+/// A plane explains the light of a frame if it leaves at most this many times what is left of other
+/// frames. Where a lamp failed it does not, and would tint what is dark.
+const UNEXPLAINED: f64 = 3.0;
 /// Steps for a frame that the model was not fitted to.
 const RANGE_STEPS: usize = 8;
 /// A frame got another amount of light where its log gain exceeds this, and so many spreads.
@@ -37,8 +41,8 @@ const NONE: f64 = -30.0;
 pub struct EmpiricalFit {
     /// the model
     pub model: EmpiricalModel,
-    /// per frame: log factor of its slant ranges
-    pub log_ranges: Vec<f64>,
+    /// per frame: of its slant ranges
+    pub ranges: Vec<RangeFactor>,
     /// per frame: log of its light over the others', 0 but where a lamp failed
     pub log_gains: Vec<f64>,
     /// robust spread of the residuals (log light), largest of the bands
@@ -61,7 +65,7 @@ struct Fit<'r> {
     parameters: Vec<Vec<Parameters>>,
     /// per band and region: log of a dark quantile of its light, the most that log B may be
     darkest: Vec<Vec<f64>>,
-    log_ranges: Vec<f64>,
+    ranges: Vec<RangeFactor>,
     log_gains: Vec<f64>,
     spreads: Bands,
 }
@@ -87,13 +91,21 @@ pub fn fit(
             }
         }
     }
+    let typical = stats::median(&frames.iter().map(|f| fit.left_of(*f)).collect::<Vec<_>>());
+    if form == EmpiricalForm::Ranges {
+        fit.give_up_unexplained(typical, &|_| true);
+    }
     let mut found = fit.finish();
     if form == EmpiricalForm::Ranges && !held.is_empty() {
+        let refines = |region| regions.grid.refines(region);
         let mut of_held = Fit { frames: held, ..fit };
         for _ in 0..RANGE_STEPS {
-            of_held.refine_ranges(&|region| regions.grid.refines(region));
+            of_held.refine_ranges(&refines);
         }
-        held.iter().for_each(|f| found.log_ranges[*f] = of_held.log_ranges[*f]);
+        of_held.give_up_unexplained(typical, &refines);
+        for f in held {
+            (found.ranges[*f], found.log_gains[*f]) = (of_held.ranges[*f], of_held.log_gains[*f]);
+        }
     }
     Some(found)
 }
@@ -130,8 +142,8 @@ impl<'r> Fit<'r> {
             parameters.push(by_region.iter().zip(&low).map(start).collect());
             darkest.push(low);
         }
-        let (log_ranges, log_gains) =
-            (vec![0.0; regions.frames.len()], vec![0.0; regions.frames.len()]);
+        let ranges = vec![RangeFactor::default(); regions.frames.len()];
+        let log_gains = vec![0.0; regions.frames.len()];
         let spreads = [0.2; 3];
         Some(Self {
             regions,
@@ -140,7 +152,7 @@ impl<'r> Fit<'r> {
             reference_m,
             parameters,
             darkest,
-            log_ranges,
+            ranges,
             log_gains,
             spreads,
         })
@@ -148,7 +160,8 @@ impl<'r> Fit<'r> {
 
     /// How far a sample lies beyond the reference (m).
     fn beyond_m(&self, frame: usize, sample: &RegionSample) -> f64 {
-        sample.range_m * self.log_ranges[frame].exp() - self.reference_m
+        let (x, y) = self.regions.grid.centre(sample.region);
+        sample.range_m * self.ranges[frame].at(x, y) - self.reference_m
     }
 
     /// Residual, derivatives by a, b and log B, and weight of a sample in a band.
@@ -235,51 +248,84 @@ impl<'r> Fit<'r> {
         let step = |frame: usize| {
             let samples: Vec<_> =
                 self.regions.frames[frame].iter().filter(|s| is_used(s.region)).collect();
-            let (mut right, mut normal) = (0.0, 0.0);
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
             for s in &samples {
+                let (x, y) = self.regions.grid.centre(s.region);
+                let range_m = self.beyond_m(frame, s) + self.reference_m;
                 for b in 0..self.regions.bands {
                     let (residual, row, weight) = self.row(frame, s, b);
                     if weight == 0.0 {
                         continue;
                     }
-                    let range_m = self.beyond_m(frame, s) + self.reference_m;
                     let by_range = -row[0] * self.parameters[b][s.region][1] * range_m;
-                    right += weight * by_range * residual;
-                    normal += weight * by_range * by_range;
+                    let row = Vector3::new(1.0, x, y) * by_range;
+                    normal += row * row.transpose() * weight;
+                    right += row * (weight * residual);
                 }
             }
             let share = (INDEPENDENT_REGIONS / samples.len().max(1) as f64).min(1.0);
-            let hold = RANGE_SPREAD.powi(-2);
-            let right = share * right - hold * self.log_ranges[frame];
-            (right / (share * normal + hold)).clamp(-0.3, 0.3)
+            let hold = Vector3::from(RANGE_SPREAD).map(|spread| spread.powi(-2));
+            let RangeFactor { log_factor, log_tilt: [by_x, by_y] } = self.ranges[frame];
+            let right = right * share - hold.component_mul(&Vector3::new(log_factor, by_x, by_y));
+            let factor = (normal * share + Matrix3::from_diagonal(&hold)).cholesky();
+            factor.map_or(Vector3::zeros(), |f| f.solve(&right).map(|v| v.clamp(-0.3, 0.3)))
         };
-        let steps: Vec<f64> = self.frames.iter().map(|f| step(*f)).collect();
+        let steps: Vec<Vector3<f64>> = self.frames.iter().map(|f| step(*f)).collect();
         for (frame, step) in self.frames.iter().zip(steps) {
-            self.log_ranges[*frame] += step;
+            let RangeFactor { log_factor, log_tilt } = &mut self.ranges[*frame];
+            *log_factor += step[0];
+            (0..2).for_each(|k| log_tilt[k] += step[k + 1]);
+        }
+    }
+
+    /// Robust spread of the residuals of a frame.
+    fn left_of(&self, frame: usize) -> f64 {
+        let of_sample = |s| (0..self.regions.bands).map(move |b| self.row(frame, s, b).0);
+        let residuals: Vec<f64> = self.regions.frames[frame].iter().flat_map(of_sample).collect();
+        stats::robust_std(&residuals)
+    }
+
+    /// Frames whose light no plane explains get a gain instead.
+    fn give_up_unexplained(&mut self, typical: f64, is_used: &dyn Fn(usize) -> bool) {
+        for frame in self.frames {
+            if self.left_of(*frame) > UNEXPLAINED * typical {
+                self.ranges[*frame] = RangeFactor::default();
+                self.log_gains[*frame] = self.lit_gain(*frame, is_used);
+            }
         }
     }
 
     /// The median frame keeps its slant ranges.
     fn centre_ranges(&mut self) {
-        let of_frames: Vec<f64> = self.frames.iter().map(|f| self.log_ranges[*f]).collect();
-        let middle = stats::median(&of_frames);
-        self.frames.iter().for_each(|f| self.log_ranges[*f] -= middle);
+        let middle = |of: &dyn Fn(&RangeFactor) -> f64| {
+            stats::median(&self.frames.iter().map(|f| of(&self.ranges[*f])).collect::<Vec<_>>())
+        };
+        let middle = RangeFactor {
+            log_factor: middle(&|r| r.log_factor),
+            log_tilt: [middle(&|r| r.log_tilt[0]), middle(&|r| r.log_tilt[1])],
+        };
+        for frame in self.frames {
+            let RangeFactor { log_factor, log_tilt } = &mut self.ranges[*frame];
+            *log_factor -= middle.log_factor;
+            (0..2).for_each(|k| log_tilt[k] -= middle.log_tilt[k]);
+        }
+    }
+
+    /// Log gain of a frame by its regions.
+    fn lit_gain(&self, frame: usize, is_used: &dyn Fn(usize) -> bool) -> f64 {
+        let of_sample = |s| {
+            (0..self.regions.bands).map(move |b| self.row(frame, s, b).0 + self.log_gains[frame])
+        };
+        let samples = self.regions.frames[frame].iter().filter(|s| is_used(s.region));
+        let residuals: Vec<f64> = samples.flat_map(of_sample).collect();
+        // Where one of several lamps fails, the part that is lit should be right.
+        let [low, high] = [0.25, 0.75].map(|share| stats::quantile(&residuals, share));
+        if low.abs() < high.abs() { low } else { high }
     }
 
     /// Gains of the frames that stand out.
     fn find_gains(&mut self) {
-        let of_frame = |frame: &usize| {
-            let beyond = |s: &RegionSample| {
-                (0..self.regions.bands)
-                    .map(|b| self.row(*frame, s, b).0 + self.log_gains[*frame])
-                    .collect::<Vec<_>>()
-            };
-            let residuals: Vec<f64> = self.regions.frames[*frame].iter().flat_map(beyond).collect();
-            // Where one of several lamps fails, the part that is lit should be right.
-            let [low, high] = [0.25, 0.75].map(|share| stats::quantile(&residuals, share));
-            if low.abs() < high.abs() { low } else { high }
-        };
-        let gains: Vec<f64> = self.frames.iter().map(of_frame).collect();
+        let gains: Vec<f64> = self.frames.iter().map(|f| self.lit_gain(*f, &|_| true)).collect();
         let middle = stats::median(&gains);
         let off: Vec<f64> = gains.iter().map(|g| g - middle).collect();
         let limit = STANDS_OUT.max(SPREADS * stats::robust_std(&off));
@@ -324,8 +370,50 @@ impl<'r> Fit<'r> {
             model,
             residual: self.spreads[..self.regions.bands].iter().copied().fold(0.0, f64::max),
             observations: samples().count(),
-            log_ranges: self.log_ranges.clone(),
+            ranges: self.ranges.clone(),
             log_gains: self.log_gains.clone(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::regions::RegionGrid;
+    use super::*;
+
+    /// Planes that are higher and tilted otherwise than measured are found by their light, with
+    /// their signs; textures of the seafloor are not taken for them.
+    #[test]
+    fn the_plane_of_a_frame_is_found_by_its_light() {
+        const FRAMES: usize = 60;
+        let grid = RegionGrid::over([-0.6, 0.6], [-0.4, 0.4], 400).expect("a grid");
+        let wave = |f: usize, k: f64| 0.12 * (f as f64 * k).sin();
+        let plane = |f: usize| [wave(f, 0.7), wave(f, 1.1), 1.5 * wave(f, 1.9)];
+        let frame = |f: usize| -> Vec<RegionSample> {
+            let [log_factor, by_x, by_y] = plane(f);
+            let truth = RangeFactor { log_factor, log_tilt: [by_x, by_y] };
+            let of_region = |region: usize| {
+                let (x, y) = grid.centre(region);
+                let range_m = (2.0 + 0.8 * (f as f64 * 0.37).sin()) * (1.0 - 0.2 * y);
+                let texture = 0.1 * ((f * 31 + region * 17) % 97) as f64 / 97.0;
+                let light = |slope: f64| {
+                    let direct = (-1.0 - x * x - slope * (range_m * truth.at(x, y) - 2.0)).exp();
+                    (direct + 0.002).ln() + texture
+                };
+                RegionSample { region, range_m, log_light: [0.9, 0.45, 0.5].map(light) }
+            };
+            (0..grid.columns * grid.rows).map(of_region).collect()
+        };
+        let frames: Vec<usize> = (0..FRAMES).collect();
+        let regions =
+            Regions { grid, bands: 3, frames: (0..FRAMES).map(frame).collect(), noise: 1e-4 };
+        let found = fit(&regions, &frames, &[], EmpiricalForm::Ranges).expect("a fit");
+        for k in 0..3 {
+            let is = |r: &RangeFactor| [r.log_factor, r.log_tilt[0], r.log_tilt[1]][k];
+            let by_frame = |f: usize| (is(&found.ranges[f]), plane(f)[k]);
+            let products = frames.iter().map(|f| by_frame(*f)).map(|(is, t)| [is * t, t * t]);
+            let [both, truth] = products.fold([0.0; 2], |s, p| [s[0] + p[0], s[1] + p[1]]);
+            assert!((0.6..1.2).contains(&(both / truth)), "{k}: {}", both / truth);
         }
     }
 }

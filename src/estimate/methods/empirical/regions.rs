@@ -28,7 +28,7 @@ pub struct RegionGrid {
 
 impl RegionGrid {
     /// A grid over blocks whose centres lie in these ranges, of which a frame has up to `most`.
-    fn over(x: [f64; 2], y: [f64; 2], most: usize) -> Option<Self> {
+    pub(super) fn over(x: [f64; 2], y: [f64; 2], most: usize) -> Option<Self> {
         let aspect = (x[1] - x[0]) / (y[1] - y[0]);
         if most < 16 || !aspect.is_finite() || aspect <= 0.0 {
             return None;
