@@ -25,7 +25,7 @@ pub fn ensure_same_camera(logs: &[&CameraSession]) -> Result<()> {
     for (n, log) in logs.iter().enumerate() {
         for before in &logs[..n] {
             let (a, b) = (name(before), name(log));
-            if log.recording.sha256()? == before.recording.sha256()? {
+            if log.recording.identity().is_same(&before.recording.identity()) {
                 return Err(Error::Usage(format!("{a} and {b} are the same log")));
             }
             let ((w, h, _), (v, g, _)) = (format(before), format(log));
