@@ -4,7 +4,7 @@
 use super::beam_from::fit_log;
 use super::camera_model::CameraModel;
 use super::model_of::exposure_of;
-use super::pass_one::PassOne;
+use super::pass_one::{PassOne, share_of_log};
 use super::prepared_model::{removes_backscatter, scatter_table};
 use crate::config::Estimator;
 use crate::correct::MeanFrames;
@@ -49,9 +49,9 @@ pub fn exposed(
 ) -> Result<(ModelFile, MeanFrames)> {
     let mut config = options.config.clone();
     config.estimate.estimator = Estimator::Altitude;
-    let max_frames = config.estimate.max_frames;
     let (mut samples, mut means, mut of_first) = (Samples::default(), None, None);
-    for log in logs {
+    for (n, log) in logs.iter().enumerate() {
+        let max_frames = share_of_log(config.estimate.max_frames, n, logs.len());
         let mut session = (*log).clone();
         let source = options.source.as_ref();
         let model = CameraModel::new(&mut session, file.clone(), source)?;

@@ -10,7 +10,7 @@ use crate::session::{CameraSession, Options, Progress};
 use crate::stats;
 
 use super::model_of::model_of;
-use super::pass_one::{Collected, PassOne};
+use super::pass_one::{Collected, PassOne, share_of_log};
 
 /// Logs of one model must be different logs of the same camera.
 ///
@@ -167,10 +167,11 @@ fn fit(
     let needs_all = config.render.method.needs_mean_frames() || precision_per_m == 0.0;
     let mut frames = if needs_all { max_frames } else { first_frames.min(max_frames) };
     loop {
-        let pass_one = |session: &&'_ CameraSession| -> Result<Collected> {
-            PassOne { session, config, max_frames: frames, threads, progress }.collect()
+        let pass_one = |(n, session): (usize, &&'_ CameraSession)| -> Result<Collected> {
+            let max_frames = share_of_log(frames, n, logs.len());
+            PassOne { session, config, max_frames, threads, progress }.collect()
         };
-        let mut collected = logs.iter().map(pass_one).collect::<Result<Vec<_>>>()?;
+        let mut collected = logs.iter().enumerate().map(pass_one).collect::<Result<Vec<_>>>()?;
         let is_all = collected.iter().all(|c| c.is_all);
         let means = collected.first_mut().map(|c| std::mem::take(&mut c.means)).unwrap_or_default();
         let samples = logs.iter().copied().zip(collected).collect();
