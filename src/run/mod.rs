@@ -3,7 +3,8 @@
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
 //! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `exposure`,
-//! `corrector`, `frame_corrector`, `bench`, `clouds`, `camera_output`, `ready`, `topics`, `pass_two`, `join`.
+//! `corrector`, `jpeg_quality`, `frame_corrector`, `bench`, `clouds`, `camera_output`, `ready`,
+//! `topics`, `pass_two`, `join`, `memory`, `output_size`.
 
 mod beam_from;
 pub mod bench;
@@ -17,10 +18,12 @@ mod exposure;
 mod fit;
 mod frame_corrector;
 mod join;
+mod jpeg_quality;
 pub mod memory;
 mod model_of;
 mod mount_check;
 mod output_names;
+pub mod output_size;
 mod pass_one;
 mod pass_two;
 mod pooled;

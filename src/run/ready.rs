@@ -1,5 +1,6 @@
 //! A camera that is ready for pass two: surveyed, with a model and all that is made of it.
 
+use crate::config::JpegQuality;
 use crate::correct::MeanFrames;
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
@@ -14,6 +15,7 @@ use super::camera_output::CameraOutput;
 use super::clouds::Clouds;
 use super::corrector::Corrector;
 use super::exposure::{exposed, fit_with_exposure};
+use super::jpeg_quality::jpeg_quality;
 use super::output_names::{camera_name, ensure_not_corrected};
 use super::prepared_model::Rendering;
 
@@ -92,6 +94,14 @@ impl ReadyCamera {
         let rig = rig_facts(&session.survey.rig, &options.rig);
         let rig_toml = toml::to_string_pretty(&rig)
             .map_err(|e| Error::WriteRecord { path: "rig.toml".into(), reason: e.to_string() })?;
+        let rendering = Rendering {
+            config: &session.config.render,
+            exposure: &model.file.rendering,
+            means: &means,
+        };
+        // The settings that are written with the log say what was chosen.
+        let quality = jpeg_quality(&session, &model, rendering, threads)?;
+        session.config.render.jpeg_quality = JpegQuality::Of(quality);
         let clouds = Clouds::of(&session);
         Ok(Self { session, model, means, clouds, rig_toml, request, diagnostics })
     }

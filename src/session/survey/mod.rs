@@ -67,6 +67,10 @@ pub struct Survey {
     pub image_size: (usize, usize),
     /// bytes of the largest image message
     pub image_bytes: usize,
+    /// bytes of all image messages
+    pub all_image_bytes: u64,
+    /// quality of its images, where they are JPEGs
+    pub jpeg_quality: Option<u8>,
     /// full scale of 16-bit images (DN)
     pub white_level: Option<u16>,
     /// the range instrument's topic
@@ -242,6 +246,8 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         image_pixels: camera.image_pixels,
         image_size: camera.image_size,
         image_bytes: camera.image_bytes,
+        all_image_bytes: camera.all_image_bytes,
+        jpeg_quality: camera.jpeg_quality,
         white_level: camera.white_level,
         dvl_topic: ranges.topic,
         attitude_topic,
