@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::diagnostics::{Diagnostic, Severity, VerifyFact};
 use crate::error::{Error, Result};
 use crate::recording::{
-    ChannelDigest, Damage, Entry, Fingerprinted, LogFiles, Message, Recording, Window,
+    ChannelDigest, Damage, Entry, Fingerprinted, LogFiles, LogIdentity, Message, Recording, Window,
 };
 use crate::run::{repeat, shard_of};
 use crate::session::{Options, Progress, Shard, sha256};
@@ -69,20 +69,7 @@ pub fn verify(
     let window = first.map_or(Window::ALL, CameraLog::run_window);
     let input = input.map(Recording::open_files).transpose()?;
     let is_other = match (&input, first) {
-        (Some(input), Some(first)) => {
-            let recorded = first.source();
-            let is_other = !input.equals(&recorded)?;
-            if is_other {
-                let given = input.identity();
-                let [recorded, given] = if recorded.is_whole() {
-                    [recorded.sha256, given.sha256]
-                } else {
-                    [recorded.index_sha256, given.index_sha256]
-                };
-                found.add(VerifyFact::OtherInput { recorded, given });
-            }
-            is_other
-        }
+        (Some(input), Some(first)) => is_other_input(input, &first.source(), &mut found)?,
         _ => false,
     };
     let log = RawFrames { path, output: &output, is_whole: !config.output.drop_raw };
@@ -109,6 +96,24 @@ pub fn verify(
         check_input((input, &output), window, &own, Copied::new(&config, &cameras), &mut found);
     }
     Ok(found)
+}
+
+/// Whether the input is another log than the one that is recorded.
+fn is_other_input(
+    input: &Recording,
+    recorded: &LogIdentity,
+    found: &mut Verification,
+) -> Result<bool> {
+    if input.equals(recorded)? {
+        return Ok(false);
+    }
+    let (recorded, given) = (recorded.clone(), input.identity());
+    found.add(if recorded.is_whole() {
+        VerifyFact::OtherInput { recorded: recorded.sha256, given: given.sha256 }
+    } else {
+        VerifyFact::OtherInput { recorded: recorded.index_sha256, given: given.index_sha256 }
+    });
+    Ok(true)
 }
 
 /// Attachments against the fingerprints of the metadata record.
@@ -213,7 +218,7 @@ fn digests(
     (digests, damage)
 }
 
-/// Messages that were added against those that were made anew; whether they are equal.
+/// Messages that were added against those that were made again; whether they are equal.
 fn check_added(
     output: &Recording,
     own: &BTreeMap<u16, ChannelDigest>,

@@ -17,7 +17,8 @@ pub struct Tilts {
 }
 
 impl Tilts {
-    /// The tilts of a model for a log, `is_own` of each input of the model; `None` where it has none: they are those of a dive, not of a vehicle.
+    /// The tilts of a model for a log; `is_own` tells for each input of the model whether it is
+    /// that log. `None` where there are none: they are those of a dive, not of a vehicle.
     pub fn of(file: &ModelFile, is_own: &[bool]) -> Option<Self> {
         let tilts = file.tilts.as_ref()?;
         let radians = |tilt: [f64; 2]| tilt.map(f64::to_radians);

@@ -1,6 +1,6 @@
 //! Logs whose contents contradict each other: fields zeroed, negated or in another unit, frames
-//! renamed, channels dropped, doubled or renamed, stamps shifted, schemas edited; in every message
-//! of a channel alike, as drivers and converters do it. Whatever comes of it, nothing panics, and
+//! renamed, channels dropped, doubled or renamed, stamps shifted, schemas edited; the same in every
+//! message of a channel, as drivers and converters do it. Whatever comes of it, nothing panics, and
 //! no attenuation is called identified that is more than five standard deviations off, unless a
 //! warning stands beside it. `UNWATER_FUZZ=84` tries a thousand.
 
