@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::config::{
-    Compression, Config, EstimateConfig, Estimator, ImageFormat, LightConfig, Look, Method,
-    OutputConfig, OutputEncoding, RenderConfig, SelfCalibration, Spreading, StrobePosition, Switch,
-    settings,
+    Compression, Config, EstimateConfig, Estimator, ImageFormat, JpegQuality, LightConfig, Look,
+    Method, OutputConfig, OutputEncoding, RenderConfig, SelfCalibration, Spreading, StrobePosition,
+    Switch, settings,
 };
 use crate::error::{Error, Result};
 use crate::image::transfer::Transfer;

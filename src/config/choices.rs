@@ -169,6 +169,48 @@ pub enum ImageFormat {
     Same,
 }
 
+/// Quality of corrected images in JPEG.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum JpegQuality {
+    /// that of the source where it is JPEG, at most 95; else 95
+    #[default]
+    Auto,
+    /// 1 to 100
+    #[serde(untagged)]
+    Of(u8),
+}
+
+impl JpegQuality {
+    /// Without visible artefacts.
+    const HIGH: u8 = 95;
+
+    /// The quality for images of a source; `None` where that is no JPEG.
+    pub fn for_source(self, source: Option<u8>) -> u8 {
+        match self {
+            Self::Auto => source.map_or(Self::HIGH, |quality| quality.min(Self::HIGH)),
+            Self::Of(quality) => quality,
+        }
+    }
+
+    /// Whether JPEG knows it.
+    pub fn is_valid(self) -> bool {
+        !matches!(self, Self::Of(quality) if !(1..=100).contains(&quality))
+    }
+}
+
+impl std::str::FromStr for JpegQuality {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let quality =
+            if text == "auto" { Some(Self::Auto) } else { text.parse().ok().map(Self::Of) };
+        quality
+            .filter(|quality| quality.is_valid())
+            .ok_or_else(|| "auto, or a number from 1 to 100, is expected".into())
+    }
+}
+
 /// White balance of corrected images, one for the whole log.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

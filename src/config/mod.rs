@@ -12,8 +12,8 @@ mod settings;
 use serde::{Deserialize, Serialize};
 
 pub use self::choices::{
-    Compression, Estimator, ImageFormat, Look, Method, OutputEncoding, SelfCalibration, Spreading,
-    StrobePosition, Switch, WhiteBalance,
+    Compression, Estimator, ImageFormat, JpegQuality, Look, Method, OutputEncoding,
+    SelfCalibration, Spreading, StrobePosition, Switch, WhiteBalance,
 };
 pub(crate) use self::settings::settings;
 use crate::image::transfer::Transfer;

@@ -179,9 +179,14 @@ macro_rules! settings {
             image_format: ImageFormat = ImageFormat::Auto, "auto | jpeg | png | raw | same",
                 "auto: PNG where the source is PNG or depth is 16, else JPEG",
                 option("image-format", "FORMAT", "Format of corrected images");
-            jpeg_quality: u8 = 95, "1 to 100", "95 leaves no visible artefacts",
-                must("lie in 1 to 100", |q| (1..=100).contains(q)),
-                option("jpeg-quality", "Q", "JPEG quality of corrected images, 1 to 100");
+            jpeg_quality: JpegQuality = JpegQuality::Auto, "auto | 1 to 100",
+                "auto: the source's own where that is JPEG, at most 95, which leaves no visible \
+                 artefacts, and lower where corrected images would take more than 1.08 times its \
+                 bytes; else 95",
+                must("be auto or lie in 1 to 100", |quality| quality.is_valid()),
+                option("jpeg-quality", "Q",
+                    "JPEG quality of corrected images, 1 to 100; auto: that of the source, at \
+                     most 95, lower where they would take more room");
             depth: u8 = 8, "8 | 16", "8 is sRGB-coded, 16 is linear",
                 must("be 8 or 16", |bits| matches!(bits, 8 | 16)),
                 option("depth", "BITS",
@@ -208,6 +213,10 @@ macro_rules! settings {
                 "the seafloor in the viewers' 3-D panels: points along an image's width, 16 bytes \
                  each; 0: none",
                 must("be at most 4096", |n| *n <= 4096);
+            seafloor_interval_s: f64 = 1.0, "s",
+                "the seafloor in 3-D at most this often, and rarer or coarser where it would be \
+                 more than 4 % of the images; 0: with every frame, whatever it takes",
+                must("be 0 or more", |s| *s >= 0.0);
             raw_preview_side_px: usize = 960, "px",
                 "raw images that a viewer cannot draw (16 bits, mono, packed) get an 8-bit \
                  preview, this large at most; 0: none";

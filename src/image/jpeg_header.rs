@@ -1,4 +1,4 @@
-//! JPEG header: chroma subsampling, and whether the compressed data are complete.
+//! JPEG header: chroma subsampling, quality, and whether the compressed data are complete.
 
 use super::vectorised;
 
@@ -65,4 +65,61 @@ pub fn is_subsampled(data: &[u8]) -> bool {
         }
     });
     subsampled
+}
+
+/// Quantisation of luminance at quality 50, in zigzag order (ITU-T T.81, table K.1).
+const LUMINANCE: [u16; 64] = [
+    16, 11, 12, 14, 12, 10, 16, 14, 13, 14, 18, 17, 16, 19, 24, 40, 26, 24, 22, 22, 24, 49, 35, 37,
+    29, 40, 58, 51, 61, 60, 57, 51, 56, 55, 64, 72, 92, 78, 64, 68, 87, 69, 55, 56, 80, 109, 81,
+    87, 95, 98, 103, 104, 103, 62, 77, 113, 121, 112, 100, 120, 92, 101, 103, 99,
+];
+
+/// The quality, 1 to 100, whose luminance table is nearest to that of the file; `None` where the
+/// file has no table of 8 bits.
+pub fn quality(data: &[u8]) -> Option<u8> {
+    let mut found: Option<[u8; 64]> = None;
+    visit_segments(data, |marker, mut body| {
+        // A segment has several tables: precision and number, then 64 values of a byte or two.
+        while let (0xdb, [kind, rest @ ..]) = (marker, body) {
+            let (size, number) = (if kind >> 4 == 0 { 64 } else { 128 }, kind & 0x0f);
+            let Some((values, next)) = rest.split_at_checked(size) else { break };
+            if number == 0 && size == 64 {
+                found = values.try_into().ok();
+            }
+            body = next;
+        }
+    });
+    let found = found?;
+    let distance = |quality: &u8| {
+        let scaled = LUMINANCE.iter().map(|value| scaled(*value, *quality));
+        scaled.zip(found).map(|(a, b)| u32::from(a.abs_diff(b.into()))).sum::<u32>()
+    };
+    (1..=100).rev().min_by_key(distance)
+}
+
+/// A value of a quantisation table at a quality, as libjpeg scales it.
+fn scaled(value: u16, quality: u8) -> u16 {
+    let quality = u32::from(quality);
+    let percent = if quality < 50 { 5000 / quality } else { 200 - 2 * quality };
+    ((u32::from(value) * percent + 50) / 100).clamp(1, 255) as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{ImageShape, encode};
+
+    #[test]
+    fn the_quality_of_a_file_is_that_it_was_written_with() {
+        let shape = ImageShape { width: 16, height: 16, bands: 3 };
+        let samples: Vec<u8> = (0..16 * 16 * 3).map(|i| (i * 7 % 251) as u8).collect();
+        for written in [5, 40, 50, 75, 85, 90, 95, 100] {
+            let file = encode::jpeg(&samples, shape, written, true).expect("a JPEG");
+            assert_eq!(quality(&file), Some(written));
+        }
+        assert_eq!(quality(b"no JPEG"), None);
+        let file = encode::jpeg(&samples, shape, 90, true).expect("a JPEG");
+        let known = (0..file.len()).filter(|end| quality(&file[..*end]).is_some()).count();
+        assert!(known > 0 && known < file.len());
+    }
 }

@@ -10,7 +10,7 @@ pub mod demosaic;
 pub mod encode;
 mod encoding;
 pub mod flat_field;
-mod jpeg_header;
+pub mod jpeg_header;
 mod jpeg_tables;
 pub mod noise;
 mod packed;

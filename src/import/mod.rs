@@ -23,7 +23,7 @@ use crate::messages::output::{
     altitude, attitude, camera_info, compressed_image, number, position, transform,
 };
 use crate::messages::writer::WireFormat;
-use crate::recording::{NewAttachment, NewChannel, Output, OutputFile, Schema};
+use crate::recording::{FileIdentity, NewAttachment, NewChannel, Output, OutputFile, Schema};
 use crate::session::sha256;
 use crate::units::Stamp;
 use crate::vehicle::Camera;
@@ -76,6 +76,7 @@ pub fn import(wanted: &Import, target: &Path) -> Result<Imported> {
     let parsed = Table::parse(&text).map_err(bad)?;
     let (mut rows, columns) = rows(&parsed, wanted.utc_offset_s).map_err(bad)?;
     rows.sort_by(|a, b| (a.stamp_ns, &a.file).cmp(&(b.stamp_ns, &b.file)));
+    ensure_no_image(&wanted.folder, &rows, target)?;
     let mut log = Log::create(wanted, target)?;
     let mut imported = Imported { columns, ..Imported::default() };
     for row in &rows {
@@ -96,11 +97,31 @@ pub fn import(wanted: &Import, target: &Path) -> Result<Imported> {
 
 /// A file of the folder: by its path in the table, else by its name alone.
 fn image(folder: &Path, name: &str) -> Option<Vec<u8>> {
+    let bytes = paths(folder, name).find_map(|path| std::fs::read(path).ok())?;
+    format(&bytes).is_some().then_some(bytes)
+}
+
+/// Where a file of the table may be.
+fn paths(folder: &Path, name: &str) -> impl Iterator<Item = PathBuf> {
     let path = Path::new(name);
     let is_inside = path.components().all(|c| matches!(c, std::path::Component::Normal(_)));
-    let in_folder = is_inside.then(|| std::fs::read(folder.join(path)).ok()).flatten();
-    let bytes = in_folder.or_else(|| std::fs::read(folder.join(path.file_name()?)).ok())?;
-    format(&bytes).is_some().then_some(bytes)
+    let by_path = is_inside.then(|| folder.join(path));
+    by_path.into_iter().chain(path.file_name().map(|name| folder.join(name)))
+}
+
+/// Refuses a target that is one of the images, or another image of their folder.
+fn ensure_no_image(folder: &Path, rows: &[Row], target: &Path) -> Result<()> {
+    let Some(identity) = FileIdentity::of(target) else { return Ok(()) };
+    let mut listed = rows.iter().flat_map(|row| paths(folder, &row.file));
+    let is_listed = listed.any(|path| FileIdentity::of(&path).as_ref() == Some(&identity));
+    let whole = |path: &Path| std::fs::canonicalize(path).ok();
+    let is_inside =
+        whole(target).zip(whole(folder)).is_some_and(|(file, folder)| file.starts_with(folder));
+    let is_image = || std::fs::read(target).is_ok_and(|bytes| format(&bytes).is_some());
+    if is_listed || (is_inside && is_image()) {
+        return Err(Error::OutputIsInput { path: target.into() });
+    }
+    Ok(())
 }
 
 /// By its first bytes, the format of an image file.

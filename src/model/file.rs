@@ -16,6 +16,7 @@ use super::{
 use crate::config::{Estimator, Method, Spreading};
 use crate::diagnostics::{self, Diagnostic, NoAnswer, NotIdentified};
 use crate::image::tone::ContrastCurve;
+use crate::recording::LogIdentity;
 use crate::vehicle::StrobeSource;
 
 /// The value of `format`.
@@ -156,14 +157,25 @@ pub struct RenderingFile {
 pub struct InputFile {
     /// file name
     pub name: String,
-    /// fingerprint
+    /// SHA-256 of its files; empty where only a window was read
     pub sha256: String,
+    /// SHA-256 of its index; empty in models of earlier versions
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub index_sha256: String,
     /// the camera's topic
     pub camera_topic: String,
     /// the range instrument's topic
     pub dvl_topic: String,
     /// frames used
     pub frames: usize,
+}
+
+impl InputFile {
+    /// What identifies the log.
+    pub fn identity(&self) -> LogIdentity {
+        let Self { sha256, index_sha256, .. } = self.clone();
+        LogIdentity { sha256, index_sha256 }
+    }
 }
 
 /// What fits the log's light better than the camera's clock and the range instrument's mount as
@@ -312,14 +324,11 @@ fn rounded(v: f64) -> f64 {
     (v * 1e9).round() / 1e9
 }
 
-/// No water takes more light (1/m); red in the open sea 0.5, in a harbour 5.
-const MOST_ATTENUATION_PER_M: f64 = 50.0;
-
 impl ModelFile {
     /// Reads the file's text.
     ///
     /// # Errors
-    /// A sentence: not JSON, another format, contradictory sizes.
+    /// A sentence: not JSON, another format, impossible numbers.
     pub fn from_json(text: &str) -> Result<Self, String> {
         let mut file: Self = serde_json::from_str(text).map_err(|e| e.to_string())?;
         if file.format != FORMAT || file.version != 1 {
@@ -328,34 +337,8 @@ impl ModelFile {
                 file.format, file.version
             ));
         }
+        file.check()?;
         let bands = file.attenuation_per_m.len();
-        let finite =
-            file.attenuation_per_m.iter().chain(&file.rendering.gain).all(|v| v.is_finite());
-        if !matches!(bands, 1 | 3)
-            || file.rendering.gain.len() != bands
-            || file.rendering.median_correction.len() != bands
-            || !finite
-        {
-            return Err(format!(
-                "attenuation_per_m has {bands} bands and rendering.gain {}; both need 1 or 3 \
-                 finite numbers",
-                file.rendering.gain.len()
-            ));
-        }
-        if file
-            .rendering
-            .gain
-            .iter()
-            .chain(&file.rendering.median_correction)
-            .any(|g| *g <= 0.0 || !g.is_finite())
-        {
-            return Err("rendering.gain and rendering.median_correction must be above 0".into());
-        }
-        if let Some(alpha) =
-            file.attenuation_per_m.iter().find(|a| a.abs() > MOST_ATTENUATION_PER_M)
-        {
-            return Err(format!("attenuation_per_m = {alpha} is that of no water"));
-        }
         file.imaging_model()?;
         let residual = file.residual_light.as_ref().map_or(Ok(()), |r| r.check(bands));
         residual.map_err(|what| format!("residual_light needs {what}"))?;

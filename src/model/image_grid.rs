@@ -25,14 +25,17 @@ impl ImageGrid {
         parts: impl IntoIterator<Item = &'v Vec<Vec<f64>>>,
         bands: usize,
     ) -> Result<(), String> {
-        let Self { columns, rows, .. } = *self;
+        let Self { columns, rows, x, y } = *self;
+        let regions = columns.checked_mul(rows);
         let is_whole = |values: &Vec<Vec<f64>>| {
             let is_finite = |v: &Vec<f64>| v.iter().all(|v| v.is_finite());
-            values.len() == bands
-                && values.iter().all(|v| v.len() == columns * rows && is_finite(v))
+            values.len() == bands && values.iter().all(|v| Some(v.len()) == regions && is_finite(v))
         };
         if columns < 2 || rows < 2 || !parts.into_iter().all(is_whole) {
             return Err(format!("{bands} bands of {columns} × {rows} finite numbers"));
+        }
+        if x[0] >= x[1] || y[0] >= y[1] {
+            return Err("x and y from a smaller number to a larger".into());
         }
         Ok(())
     }

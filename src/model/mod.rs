@@ -18,6 +18,7 @@
 mod backscatter;
 mod beam_pattern;
 mod camera_file;
+mod check;
 mod daylight;
 mod drift;
 mod empirical;

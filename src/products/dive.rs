@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::messages::value::Value;
 use crate::messages::{Decoder, header};
 use crate::model::ModelFile;
-use crate::recording::{FrameId, Message, Recording, Window};
+use crate::recording::{FrameId, LogIdentity, Message, Recording, Window};
 use crate::report::Report;
 use crate::run::bench::Bench;
 use crate::run::shard_of;
@@ -82,7 +82,7 @@ impl CorrectedLog {
     pub fn open(path: &Path, options: &Options) -> Result<Self> {
         let recording = Recording::open(path)?;
         let texts = texts(&recording)?;
-        let cameras = cameras(&recording, &texts)?;
+        let mut cameras = cameras(&recording, &texts)?;
         // Ranges are read as they were for the correction.
         let rig = cameras.first().map(|c| c.rig.clone()).unwrap_or_default();
         let reading = Options { rig, ..options.clone() };
@@ -90,53 +90,8 @@ impl CorrectedLog {
         let scanned = scanned.with_messages(&reading)?;
         let config =
             texts.get("unwater.toml").map_or_else(Config::default, |text| settings_of(text));
-        let mut corrected = Self { scanned, window: options.window(), config, cameras };
-        corrected.read_frames()?;
-        Ok(corrected)
-    }
-
-    fn read_frames(&mut self) -> Result<()> {
-        let mut sinks: BTreeMap<u16, (usize, bool, Decoder)> = BTreeMap::new();
-        let recording = &self.scanned.recording;
-        for (index, camera) in self.cameras.iter().enumerate() {
-            for (id, channel) in &recording.channels {
-                let is_frame = channel.topic == format!("/unwater{}/frame", camera.place);
-                let is_seafloor = channel.topic == format!("/unwater{}/seafloor", camera.place);
-                let schema = recording.schemas.get(&channel.schema_id);
-                let Some(schema) = schema.filter(|_| is_frame || is_seafloor) else { continue };
-                let (encoding, data) = (&schema.encoding, &schema.data);
-                let decoder =
-                    Decoder::by_path(&channel.message_encoding, &schema.name, encoding, data);
-                if let Ok(decoder) = decoder {
-                    sinks.insert(*id, (index, is_frame, decoder));
-                }
-            }
-        }
-        let mut seafloors: Vec<Option<(u64, SeafloorFacts)>> =
-            self.cameras.iter().map(|_| None).collect();
-        let wanted: BTreeSet<u16> = sinks.keys().copied().collect();
-        for message in messages_of(recording, &wanted, self.window) {
-            let message = message?;
-            let Some((index, is_frame, decoder)) = sinks.get(&message.channel) else { continue };
-            let value = decoder.read(message.data()).map_err(|reason| Error::BadFile {
-                path: recording.path().into(),
-                what: "a record of the correction",
-                reason,
-            })?;
-            if *is_frame {
-                let seafloor = seafloors[*index].take();
-                let seafloor = seafloor.filter(|(time, _)| *time == message.log_time);
-                let record = frame_record(&value, &message, seafloor.map(|(_, facts)| facts));
-                self.cameras[*index].frames.push(record);
-            } else {
-                let facts = SeafloorFacts {
-                    residual_m: value.number("residual_m").unwrap_or(f64::NAN),
-                    support: value.text("support").unwrap_or("").into(),
-                };
-                seafloors[*index] = Some((message.log_time, facts));
-            }
-        }
-        Ok(())
+        read_frames(&scanned.recording, options.window(), &mut cameras)?;
+        Ok(Self { scanned, window: options.window(), config, cameras })
     }
 
     /// A camera with its raw images, or with the corrected ones where only those are in the log.
@@ -175,7 +130,7 @@ impl CorrectedLog {
         } else {
             CameraSession::open(self.scanned.recording.path(), &options)?
         };
-        Bench::new(session, file, Some(camera.fact("source_sha256")), options.threads)
+        Bench::new(session, file, Some(&camera.source()), options.threads)
     }
 
     /// A camera with these images, and the records of its frames.
@@ -221,17 +176,18 @@ pub struct ImageSource {
 }
 
 /// Report and model of each camera of a complete output of `correct`, if it was made from this
-/// input with this request; both are fingerprints of its metadata. `None` for any other file.
+/// input with the request of this fingerprint. `None` for any other file.
 pub fn finished(
     output: &Path,
-    (source_sha256, request_sha256): (&str, &str),
+    (source, request_sha256): (&Recording, &str),
     shard: Option<Shard>,
 ) -> Option<Vec<(Report, ModelFile)>> {
     let recording = Recording::open(output).ok().filter(|r| r.is_complete)?;
     let cameras = read_cameras(&recording).ok()?;
-    let is_of = |key: &str, value: &str| cameras.iter().all(|c| c.fact(key) == value);
-    let is_same = is_of("source_sha256", source_sha256) && is_of("request_sha256", request_sha256);
-    let is_same = is_same && shard_of(&recording) == shard;
+    let is_of_source = |c: &CameraLog| source.equals(&c.source()).unwrap_or(false);
+    let is_same = cameras.iter().all(|c| c.fact("request_sha256") == request_sha256)
+        && shard_of(&recording) == shard
+        && cameras.iter().all(is_of_source);
     is_same.then(|| cameras.into_iter().map(|c| (c.report, c.model)).collect())
 }
 
@@ -292,8 +248,53 @@ pub fn cameras(recording: &Recording, texts: &BTreeMap<String, String>) -> Resul
     records.into_iter().map(camera).collect()
 }
 
+/// Reads the records of the frames of every camera, in the order of the file.
+///
+/// # Errors
+/// The log cannot be read, or one of the records not.
+pub fn read_frames(recording: &Recording, window: Window, cameras: &mut [CameraLog]) -> Result<()> {
+    let mut sinks: BTreeMap<u16, (usize, bool, Decoder)> = BTreeMap::new();
+    for (index, camera) in cameras.iter().enumerate() {
+        for (id, channel) in &recording.channels {
+            let is_frame = channel.topic == format!("/unwater{}/frame", camera.place);
+            let is_seafloor = channel.topic == format!("/unwater{}/seafloor", camera.place);
+            let schema = recording.schemas.get(&channel.schema_id);
+            let Some(schema) = schema.filter(|_| is_frame || is_seafloor) else { continue };
+            let (encoding, data) = (&schema.encoding, &schema.data);
+            let decoder = Decoder::by_path(&channel.message_encoding, &schema.name, encoding, data);
+            if let Ok(decoder) = decoder {
+                sinks.insert(*id, (index, is_frame, decoder));
+            }
+        }
+    }
+    let mut seafloors: Vec<Option<(u64, SeafloorFacts)>> = cameras.iter().map(|_| None).collect();
+    let wanted: BTreeSet<u16> = sinks.keys().copied().collect();
+    for message in messages_of(recording, &wanted, window) {
+        let message = message?;
+        let Some((index, is_frame, decoder)) = sinks.get(&message.channel) else { continue };
+        let value = decoder.read(message.data()).map_err(|reason| Error::BadFile {
+            path: recording.path().into(),
+            what: "a record of the correction",
+            reason,
+        })?;
+        if *is_frame {
+            let seafloor = seafloors[*index].take();
+            let seafloor = seafloor.filter(|(time, _)| *time == message.log_time);
+            let record = frame_record(&value, &message, seafloor.map(|(_, facts)| facts));
+            cameras[*index].frames.push(record);
+        } else {
+            let facts = SeafloorFacts {
+                residual_m: value.number("residual_m").unwrap_or(f64::NAN),
+                support: value.text("support").unwrap_or("").into(),
+            };
+            seafloors[*index] = Some((message.log_time, facts));
+        }
+    }
+    Ok(())
+}
+
 /// Settings of a run, also of another version: unknown keys are left out.
-fn settings_of(text: &str) -> Config {
+pub fn settings_of(text: &str) -> Config {
     let known = |section: &str, key: &str| {
         SETTINGS.iter().any(|s| s.key.split_once('.') == Some((section, key)))
     };
@@ -321,6 +322,14 @@ impl CameraLog {
     /// A value of the metadata record; empty where it is missing.
     pub fn fact(&self, key: &str) -> &str {
         self.facts.get(key).map_or("", String::as_str)
+    }
+
+    /// The log that it was made from.
+    pub fn source(&self) -> LogIdentity {
+        LogIdentity {
+            sha256: self.fact("source_sha256").into(),
+            index_sha256: self.fact("source_index_sha256").into(),
+        }
     }
 
     /// Topic of its images.
@@ -357,7 +366,7 @@ impl CameraLog {
             rig: self.rig.clone(),
             selection: self.selection(Images::Raw),
             window: Some(self.run_window()).filter(|window| !is_own && *window != Window::ALL),
-            source_sha256: is_own.then(|| self.fact("source_sha256").into()),
+            source: is_own.then(|| self.source()),
             ..Options::default()
         })
     }

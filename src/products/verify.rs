@@ -1,15 +1,15 @@
 //! Whether a corrected log is what it must be: undamaged, with the records that were written, with
 //! every message of the input, and with corrected frames that follow from raw frames and model.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
 
-use super::dive::{CameraLog, Images, cameras, texts};
+use super::dive::{CameraLog, Images, cameras, read_frames, settings_of, texts};
 use crate::config::Config;
 use crate::diagnostics::{Diagnostic, Severity, VerifyFact};
 use crate::error::{Error, Result};
 use crate::recording::{
-    ChannelDigest, Damage, Entry, Fingerprinted, LogFiles, Message, Recording, Window,
+    ChannelDigest, Damage, Entry, Fingerprinted, LogFiles, LogIdentity, Message, Recording, Window,
 };
 use crate::run::{repeat, shard_of};
 use crate::session::{Options, Progress, Shard, sha256};
@@ -61,32 +61,26 @@ pub fn verify(
         return Err(Error::BadFile { path: path.into(), what: "no whole log", reason });
     }
     let texts = texts(&output)?;
-    let cameras = cameras(&output, &texts)?;
-    let config = texts.get("unwater.toml").and_then(|text| Config::from_toml(text).ok());
+    let mut cameras = cameras(&output, &texts)?;
+    let config = texts.get("unwater.toml").map_or_else(Config::default, |text| settings_of(text));
     let mut found = Verification::default();
     check_records(&cameras, &texts, &mut found);
     let first = cameras.first();
     let window = first.map_or(Window::ALL, CameraLog::run_window);
     let input = input.map(Recording::open_files).transpose()?;
     let is_other = match (&input, first) {
-        (Some(input), Some(first)) => {
-            let (recorded, given) = (first.fact("source_sha256"), input.sha256()?);
-            let is_other = recorded != given;
-            if is_other {
-                found
-                    .add(VerifyFact::OtherInput { recorded: recorded.into(), given: given.into() });
-            }
-            is_other
-        }
+        (Some(input), Some(first)) => is_other_input(input, &first.source(), &mut found)?,
         _ => false,
     };
-    let added = repeated(path, input.as_ref(), &cameras, (is_other, threads), progress)?;
+    let log = RawFrames { path, output: &output, is_whole: !config.output.drop_raw };
+    let added = repeated(&log, input.as_ref(), &cameras, (is_other, threads), progress)?;
     let added = added.unwrap_or_else(|reason| {
         found.add(VerifyFact::NotRepeated { reason });
         BTreeMap::new()
     });
     let is_added = |topic: &str| added.contains_key(topic);
-    let (own, damage) = digests(&output, Window::ALL, |topic| u64::from(!is_added(topic)) * GROUP);
+    let group = |topic: &str| u64::from(!is_added(topic)) * GROUP;
+    let (own, damage) = digests(&output, Window::ALL, group, |_, _| true);
     let damage = output.damage.iter().chain(&damage).map(|d| d.reason.clone());
     damage.for_each(|reason| found.add(VerifyFact::Damaged { reason }));
     let version = first.map_or("", |camera| camera.fact("version"));
@@ -96,11 +90,30 @@ pub fn verify(
         found.add(VerifyFact::OtherVersion { version: version.into(), own });
     }
     if let Some(input) = &input {
-        let config = config.unwrap_or_default();
-        let is_kept = |id: u16| is_kept(input, id, &config, &cameras);
-        check_input((input, &output), window, &own, is_kept, &mut found);
+        if config.output.drop_raw {
+            read_frames(&output, Window::ALL, &mut cameras)?;
+        }
+        check_input((input, &output), window, &own, Copied::new(&config, &cameras), &mut found);
     }
     Ok(found)
+}
+
+/// Whether the input is another log than the one that is recorded.
+fn is_other_input(
+    input: &Recording,
+    recorded: &LogIdentity,
+    found: &mut Verification,
+) -> Result<bool> {
+    if input.equals(recorded)? {
+        return Ok(false);
+    }
+    let (recorded, given) = (recorded.clone(), input.identity());
+    found.add(if recorded.is_whole() {
+        VerifyFact::OtherInput { recorded: recorded.sha256, given: given.sha256 }
+    } else {
+        VerifyFact::OtherInput { recorded: recorded.index_sha256, given: given.index_sha256 }
+    });
+    Ok(true)
 }
 
 /// Attachments against the fingerprints of the metadata record.
@@ -124,17 +137,27 @@ fn check_records(
             }
         }
     }
-    let recorded = cameras.iter().map(|camera| camera.fact("configuration"));
+    // The attachment has the settings of the first camera.
+    let first = cameras.iter().filter(|camera| camera.place.is_empty());
+    let recorded = first.map(|camera| camera.fact("configuration"));
     let text = texts.get("unwater.toml").map_or("", String::as_str);
     if recorded.into_iter().any(|recorded| recorded != text) {
         found.add(VerifyFact::AttachmentChanged { name: "unwater.toml".into() });
     }
 }
 
+/// A corrected log, as far as the frames in it can be corrected again.
+struct RawFrames<'o> {
+    path: &'o Path,
+    output: &'o Recording,
+    /// `--drop-raw` keeps the frames alone that were not corrected
+    is_whole: bool,
+}
+
 /// The messages that the run would add, made again from the input where it is given, else from the
 /// raw frames of the output itself; or why they cannot be.
 fn repeated(
-    path: &Path,
+    log: &RawFrames<'_>,
     input: Option<&Recording>,
     cameras: &[CameraLog],
     (is_other, threads): (bool, usize),
@@ -147,17 +170,14 @@ fn repeated(
     if cameras.iter().any(has_means) {
         return Ok(Err("a baseline of mean frames depends on all frames of pass one".into()));
     }
-    let files = input.map_or_else(|| LogFiles::from(path), |input| input.files().clone());
-    let log = match input {
-        Some(_) => None,
-        None => Some(Recording::open(path)?),
-    };
+    let files = input.map_or_else(|| LogFiles::from(log.path), |input| input.files().clone());
     let has_raw = |camera: &CameraLog| {
         let topic = camera.topic(Images::Raw);
-        log.as_ref().is_none_or(|log| log.channels.values().any(|c| c.topic == topic))
+        log.is_whole && log.output.channels.values().any(|c| c.topic == topic)
     };
-    if !cameras.iter().all(has_raw) {
-        return Ok(Err("the log has no raw images; give its input with --against".into()));
+    if input.is_none() && !cameras.iter().all(has_raw) {
+        let reason = "the log does not hold all raw images; give its input with --against";
+        return Ok(Err(reason.into()));
     }
     let of_camera = |camera: &CameraLog| {
         let options = camera.run_options(input.is_none())?;
@@ -168,12 +188,13 @@ fn repeated(
     Ok(cameras.and_then(again))
 }
 
-/// Fingerprints of the messages of each channel, and damage. `group` of a topic is the number of
-/// messages in each; 0 for one by one.
+/// Fingerprints of the messages of each channel that are taken, by topic and log time, and damage.
+/// `group` of a topic is the number of messages in each; 0 for one by one.
 fn digests(
     recording: &Recording,
     window: Window,
     group: impl Fn(&str) -> u64,
+    mut is_taken: impl FnMut(&str, u64) -> bool,
 ) -> (BTreeMap<u16, ChannelDigest>, Vec<Damage>) {
     let (mut digests, mut damage) = (BTreeMap::new(), Vec::new());
     for entry in recording.messages(window) {
@@ -182,6 +203,9 @@ fn digests(
             Entry::Message(message) => {
                 let Message { sequence, log_time, publish_time, channel, .. } = message;
                 let topic = recording.channels.get(&channel).map_or("", |c| c.topic.as_str());
+                if !is_taken(topic, log_time) {
+                    continue;
+                }
                 let digest: &mut ChannelDigest = digests
                     .entry(channel)
                     .or_insert_with(|| ChannelDigest::of_groups(group(topic)));
@@ -194,7 +218,7 @@ fn digests(
     (digests, damage)
 }
 
-/// Messages that were added against those that were made anew; whether they are equal.
+/// Messages that were added against those that were made again; whether they are equal.
 fn check_added(
     output: &Recording,
     own: &BTreeMap<u16, ChannelDigest>,
@@ -222,12 +246,44 @@ fn is_log(topic: &str) -> bool {
     topic.starts_with("/unwater") && topic.ends_with("/log")
 }
 
-/// Whether the run copied all messages of a channel.
-fn is_kept(input: &Recording, id: u16, config: &Config, cameras: &[CameraLog]) -> bool {
-    let Some(channel) = input.channels.get(&id) else { return false };
-    let only = config.output.only.as_ref().and_then(|only| regex::Regex::new(only).ok());
-    let is_raw = cameras.iter().any(|camera| camera.topic(Images::Raw) == channel.topic);
-    only.is_none_or(|only| only.is_match(&channel.topic)) && !(is_raw && config.output.drop_raw)
+/// Which messages of the input a run copied.
+struct Copied {
+    only: Option<regex::Regex>,
+    /// with `--drop-raw`, the frames by topic and log time: whether each was corrected
+    frames: BTreeMap<String, BTreeMap<u64, VecDeque<bool>>>,
+}
+
+impl Copied {
+    fn new(config: &Config, cameras: &[CameraLog]) -> Self {
+        let only = config.output.only.as_ref().and_then(|only| regex::Regex::new(only).ok());
+        let mut copied = Self { only, frames: BTreeMap::new() };
+        for camera in cameras.iter().filter(|_| config.output.drop_raw) {
+            let topic = camera.topic(Images::Raw).to_string();
+            let of_topic = copied.frames.entry(topic).or_default();
+            for frame in &camera.frames {
+                of_topic.entry(frame.log_time).or_default().push_back(frame.corrected);
+            }
+        }
+        copied
+    }
+
+    fn is_wanted(&self, topic: &str) -> bool {
+        self.only.as_ref().is_none_or(|only| only.is_match(topic))
+    }
+
+    /// Whether the next message of a topic was copied.
+    fn takes(&mut self, topic: &str, log_time: u64) -> bool {
+        let frames = self.frames.get_mut(topic).and_then(|frames| frames.get_mut(&log_time));
+        match frames.and_then(VecDeque::pop_front) {
+            Some(is_corrected) => !is_corrected,
+            None => self.is_wanted(topic),
+        }
+    }
+
+    /// Whether the output must have a channel, by the number of messages that were copied.
+    fn has_channel(&self, topic: &str, messages: u64) -> bool {
+        messages > 0 || (self.is_wanted(topic) && !self.frames.contains_key(topic))
+    }
 }
 
 /// Every channel, message, attachment and metadata record of the input is in the output.
@@ -235,11 +291,14 @@ fn check_input(
     (input, output): (&Recording, &Recording),
     window: Window,
     own: &BTreeMap<u16, ChannelDigest>,
-    is_kept: impl Fn(u16) -> bool,
+    mut copied: Copied,
     found: &mut Verification,
 ) {
-    let (expected, _) = digests(input, window, |_| GROUP);
-    for (id, channel) in input.channels.iter().filter(|(id, _)| is_kept(**id)) {
+    let takes = |topic: &str, log_time| copied.takes(topic, log_time);
+    let (expected, _) = digests(input, window, |_| GROUP, takes);
+    let messages = |id: &u16| [&expected, own].map(|of| of.get(id).map_or(0, |d| d.count));
+    let must_be = |id: &u16, topic: &str| copied.has_channel(topic, messages(id).iter().sum());
+    for (id, channel) in input.channels.iter().filter(|(id, c)| must_be(id, &c.topic)) {
         let is_same = output.channels.get(id).is_some_and(|own| {
             (&own.topic, &own.message_encoding, &own.metadata)
                 == (&channel.topic, &channel.message_encoding, &channel.metadata)

@@ -10,14 +10,16 @@
 //! with a wrong checksum, which are listed with their time span.
 
 mod digest;
+mod identity;
 mod read;
 mod source;
 mod write;
 
 pub use digest::{ChannelDigest, Difference, Fingerprinted};
+pub use identity::FileIdentity;
 pub use read::{
     Attachment, Block, Channel, Contents, Damage, Declarations, Entry, Fingerprint, FrameId,
-    LogFiles, Message, RawChunk, Recording, Schema, Window,
+    LogFiles, LogIdentity, Message, RawChunk, Recording, Schema, Window,
 };
 pub use write::{
     NewAttachment, NewChannel, Output, OutputFile, Piece, PieceBytes, check_output_path,

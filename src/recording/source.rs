@@ -38,7 +38,7 @@ impl Source {
         self.length
     }
 
-    /// Bytes read so far, without those read by [`Self::sha256`].
+    /// Bytes read so far.
     pub fn bytes_read(&self) -> u64 {
         self.bytes_read.load(Ordering::Relaxed)
     }
@@ -77,6 +77,7 @@ impl Source {
             let size = (range.end - offset).min(buffer.len() as u64) as usize;
             self.fill(&mut buffer[..size], offset)?;
             hash.update(&buffer[..size]);
+            self.bytes_read.fetch_add(size as u64, Ordering::Relaxed);
             offset += size as u64;
         }
         Ok(())

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 use super::dvl_yaw::fit_model_and_yaw;
 use super::model_of::{exposure, strobe_of};
-use super::pass_one::PassOne;
+use super::pass_one::{PassOne, share_of_log};
 use super::pooled::Pooled;
 use crate::config::Estimator;
 use crate::correct::MeanFrames;
@@ -56,9 +56,10 @@ pub fn fit_log(
     ensure_usable(shared)?;
     let sessions =
         logs.iter().map(|log| with_strobe(log, shared)).collect::<Result<Vec<CameraSession>>>()?;
-    let max_frames = options.config.estimate.max_frames;
+    let all_frames = options.config.estimate.max_frames;
     let (mut collected, mut means) = (Vec::new(), MeanFrames::default());
     for (n, session) in sessions.iter().enumerate() {
+        let max_frames = share_of_log(all_frames, n, sessions.len());
         let pass = PassOne { session, config: &options.config, max_frames, threads, progress };
         let mut of_log = pass.collect()?;
         let of_first = std::mem::take(&mut of_log.means);

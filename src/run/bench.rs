@@ -13,7 +13,7 @@ use crate::geometry::LightPath;
 use crate::image::{LinearImage, SensorImage, interleaved};
 use crate::model::{ModelFile, RenderingFile};
 use crate::parallel::Threads;
-use crate::recording::{FrameId, Message};
+use crate::recording::{FrameId, LogIdentity, Message};
 use crate::session::{CameraSession, Frame};
 
 /// A camera of a log and its model.
@@ -36,18 +36,17 @@ pub struct BenchFrame<'f> {
 }
 
 impl Bench {
-    /// Prepares the model for a camera. The log may be a corrected one, made from a log of this
-    /// fingerprint.
+    /// Prepares the model for a camera. The log may be a corrected one, made from this source.
     ///
     /// # Errors
     /// The model's beam pattern cannot be read, or the log not.
     pub fn new(
         mut session: CameraSession,
         file: ModelFile,
-        source_sha256: Option<&str>,
+        source: Option<&LogIdentity>,
         threads: usize,
     ) -> Result<Self> {
-        let model = CameraModel::new(&mut session, file, source_sha256)?;
+        let model = CameraModel::new(&mut session, file, source)?;
         Ok(Self { session, model, threads: Threads::new(threads) })
     }
 

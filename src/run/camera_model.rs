@@ -4,7 +4,8 @@ use crate::config::Method;
 use crate::correct::Correction;
 use crate::error::{Error, Result};
 use crate::image::Bands;
-use crate::model::{ModelFile, RangeFactor};
+use crate::model::{InputFile, ModelFile, RangeFactor};
+use crate::recording::LogIdentity;
 use crate::session::{CameraSession, Frame, FrameGains, FrameRef, Tilts};
 
 use super::model_of::strobe_of;
@@ -30,7 +31,7 @@ impl CameraModel {
     pub fn new(
         session: &mut CameraSession,
         file: ModelFile,
-        source_sha256: Option<&str>,
+        source: Option<&LogIdentity>,
     ) -> Result<Self> {
         let method = session.config.render.method;
         if !file.has_attenuation() && method != Method::Full && removes_water(method) {
@@ -49,18 +50,21 @@ impl CameraModel {
         }
         // Clock and tilts are those of a recording.
         let is_of_log = file.tilts.is_some() || file.geometry.is_some();
-        let own = if is_of_log { session.recording.sha256()? } else { "" };
-        let is_own = |sha256: &str| sha256 == own || Some(sha256) == source_sha256;
+        let recording = &session.recording;
+        let is_source = |input: &InputFile| source.is_some_and(|s| s.is_same(&input.identity()));
+        let is_input = |input: &InputFile| Ok(is_source(input) || recording.is(&input.identity())?);
+        let inputs = file.inputs.iter().filter(|_| is_of_log);
+        let is_own = inputs.map(is_input).collect::<Result<Vec<bool>>>()?;
         survey.tilts = Tilts::of(&file, &is_own);
         if let Some(mut geometry) = file.geometry.clone() {
-            if !file.inputs.iter().any(|input| is_own(&input.sha256)) {
+            if !is_own.contains(&true) {
                 geometry.clock_offset_s = None;
             }
             survey.take_geometry(&geometry, &session.config.seafloor);
         }
         Ok(Self {
             prepared: PreparedModel::new(file.imaging_model().map_err(Error::Usage)?),
-            gains: FrameGains::new(&file, &session.recording, source_sha256)?,
+            gains: FrameGains::new(&file, &session.recording, source)?,
             file,
         })
     }
@@ -70,10 +74,15 @@ impl CameraModel {
         self.gains.of_other_logs
     }
 
-    /// Light of a frame over that of others, per band.
-    pub fn frame_gain(&self, session: &CameraSession, frame: &Frame<'_>) -> Bands {
-        let mean_light = || frame.pixels.mean_light();
-        session.survey.frame_gain(&self.file, &self.gains, &frame.at, mean_light)
+    /// Light of a frame over that of others, per band; by its mean light, where the model has no
+    /// gain of its own for it.
+    pub fn frame_gain(
+        &self,
+        session: &CameraSession,
+        frame: &FrameRef,
+        mean_light: impl FnOnce() -> Bands,
+    ) -> Bands {
+        session.survey.frame_gain(&self.file, &self.gains, frame, mean_light)
     }
 
     /// Factor of a frame's slant ranges, in the empirical model.

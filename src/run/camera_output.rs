@@ -13,6 +13,7 @@ use crate::session::CameraSession;
 use crate::units::Stamp;
 
 use super::camera_model::CameraModel;
+use super::clouds::Clouds;
 use super::corrector::Corrector;
 use super::output_names::{corrected_topic, method_name, output_container};
 
@@ -30,6 +31,8 @@ pub struct CameraOutput<'p> {
     pub rig_toml: &'p str,
     /// fingerprint of what the run was given beside its input
     pub request: &'p str,
+    /// which frames are shown on the seafloor in 3-D
+    pub clouds: &'p Clouds,
     /// those of the model
     pub model_diagnostics: &'p [Diagnostic],
     /// follows `/unwater` in the names of all but the first camera
@@ -73,6 +76,12 @@ impl CameraOutput<'_> {
     /// File format of the corrected images.
     pub fn container(&self) -> Container {
         output_container(self.session.survey.container, &self.session.config)
+    }
+
+    /// Quality of the corrected images, where they are JPEGs.
+    pub fn jpeg_quality(&self) -> u8 {
+        let survey = &self.session.survey;
+        self.session.config.render.jpeg_quality.for_source(survey.jpeg_quality)
     }
 
     /// Topic of the corrected images.

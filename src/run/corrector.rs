@@ -93,7 +93,10 @@ impl<'c> Corrector<'c> {
         work: impl FnOnce(&Correction<'_>, &correct::Frame<'_>) -> R,
     ) -> R {
         let model = self.correction.model.at(frame.at.stamp);
-        let (gain, balance) = gain_and_balance(self.model.frame_gain(self.session, frame));
+        let (gain, balance) =
+            gain_and_balance(
+                self.model.frame_gain(self.session, &frame.at, || frame.pixels.mean_light()),
+            );
         let raw = correct::Frame {
             codes: &frame.pixels,
             flat_field: frame.flat_field.as_deref(),

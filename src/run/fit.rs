@@ -10,7 +10,7 @@ use crate::session::{CameraSession, Options, Progress};
 use crate::stats;
 
 use super::model_of::model_of;
-use super::pass_one::{Collected, PassOne};
+use super::pass_one::{Collected, PassOne, share_of_log};
 
 /// Logs of one model must be different logs of the same camera.
 ///
@@ -25,7 +25,7 @@ pub fn ensure_same_camera(logs: &[&CameraSession]) -> Result<()> {
     for (n, log) in logs.iter().enumerate() {
         for before in &logs[..n] {
             let (a, b) = (name(before), name(log));
-            if log.recording.sha256()? == before.recording.sha256()? {
+            if log.recording.identity().is_same(&before.recording.identity()) {
                 return Err(Error::Usage(format!("{a} and {b} are the same log")));
             }
             let ((w, h, _), (v, g, _)) = (format(before), format(log));
@@ -167,10 +167,11 @@ fn fit(
     let needs_all = config.render.method.needs_mean_frames() || precision_per_m == 0.0;
     let mut frames = if needs_all { max_frames } else { first_frames.min(max_frames) };
     loop {
-        let pass_one = |session: &&'_ CameraSession| -> Result<Collected> {
-            PassOne { session, config, max_frames: frames, threads, progress }.collect()
+        let pass_one = |(n, session): (usize, &&'_ CameraSession)| -> Result<Collected> {
+            let max_frames = share_of_log(frames, n, logs.len());
+            PassOne { session, config, max_frames, threads, progress }.collect()
         };
-        let mut collected = logs.iter().map(pass_one).collect::<Result<Vec<_>>>()?;
+        let mut collected = logs.iter().enumerate().map(pass_one).collect::<Result<Vec<_>>>()?;
         let is_all = collected.iter().all(|c| c.is_all);
         let means = collected.first_mut().map(|c| std::mem::take(&mut c.means)).unwrap_or_default();
         let samples = logs.iter().copied().zip(collected).collect();

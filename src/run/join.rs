@@ -92,9 +92,10 @@ fn ensure_whole(parts: &[Part]) -> Result<()> {
     let Some(first) = parts.first() else { return Ok(()) };
     let count = first.record.shard.count;
     for part in parts {
-        let is_of_run = ["source_sha256", "request_sha256", "model_sha256", "version"]
-            .iter()
-            .all(|key| fact(&part.recording, key) == fact(&first.recording, key));
+        let is_of_run =
+            ["source_sha256", "source_index_sha256", "request_sha256", "model_sha256", "version"]
+                .iter()
+                .all(|key| fact(&part.recording, key) == fact(&first.recording, key));
         if part.record.shard.count != count || !is_of_run {
             return Err(bad(&part.recording, "it is of another run than the first shard"));
         }
@@ -105,8 +106,13 @@ fn ensure_whole(parts: &[Part]) -> Result<()> {
     if !missing.is_empty() {
         return Err(Error::Usage(format!("shards are missing: {}", missing.join(", "))));
     }
-    if found.len() > count {
-        return Err(Error::Usage("a shard is given twice".into()));
+    let is_same = |pair: &&[Part]| pair[0].record.shard.index == pair[1].record.shard.index;
+    if let Some([a, b]) = parts.windows(2).find(is_same) {
+        let [first, second] = [a, b].map(|part| part.recording.path().display().to_string());
+        let Shard { index, count } = a.record.shard;
+        return Err(Error::Usage(format!(
+            "shard {index}/{count} is given twice: {first} and {second}"
+        )));
     }
     Ok(())
 }

@@ -2,23 +2,28 @@
 //! (pass two).
 //!
 //! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
-//! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `corrector`,
-//! `frame_corrector`, `bench`, `camera_output`, `ready`, `topics`, `pass_two`, `join`.
+//! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `exposure`,
+//! `corrector`, `jpeg_quality`, `frame_corrector`, `bench`, `clouds`, `camera_output`, `ready`,
+//! `topics`, `pass_two`, `join`, `memory`, `output_size`.
 
 mod beam_from;
 pub mod bench;
 mod camera_model;
 mod camera_output;
 pub mod clock_offsets;
+mod clouds;
 mod corrector;
 mod dvl_yaw;
+mod exposure;
 mod fit;
 mod frame_corrector;
 mod join;
+mod jpeg_quality;
 pub mod memory;
 mod model_of;
 mod mount_check;
 mod output_names;
+pub mod output_size;
 mod pass_one;
 mod pass_two;
 mod pooled;
@@ -39,8 +44,8 @@ use crate::report::Report;
 use crate::session::{CameraSession, Log, Options, Progress};
 use crate::vehicle::CameraFacts;
 
-use beam_from::fit_log;
 pub use corrector::CorrectedFrame;
+use exposure::fit_with_exposure;
 use fit::ensure_same_camera;
 pub use frame_corrector::FrameCorrector;
 pub use join::{join, shard_of};
@@ -69,7 +74,7 @@ pub fn estimate_logs<L: Clone + Into<LogFiles>>(
     let logs: Vec<&CameraSession> = sessions.iter().collect();
     ensure_same_camera(&logs)?;
     let diagnostics = logs.iter().flat_map(|log| log.survey.diagnostics.clone()).collect();
-    Ok((fit_log(&logs, options, &threads, progress)?.0, diagnostics))
+    Ok((fit_with_exposure(&logs, options, &threads, progress)?.0, diagnostics))
 }
 
 /// Estimates a model from surveyed logs of one camera.
@@ -81,7 +86,10 @@ pub fn estimate(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<ModelFile> {
-    Ok(fit_log(logs, options, &Threads::new(options.threads), progress)?.0)
+    if options.window.is_none() {
+        logs.iter().try_for_each(|log| log.recording.sha256().map(drop))?;
+    }
+    Ok(fit_with_exposure(logs, options, &Threads::new(options.threads), progress)?.0)
 }
 
 /// Corrects one camera of a log with a given model, or estimates one first. The log is the path of

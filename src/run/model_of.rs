@@ -1,5 +1,7 @@
 //! What pass one collected → one model; a model's strobe and exposure.
 
+use std::sync::Arc;
+
 use super::mount_check::{mount_check, mount_diagnostics, replaced, replaced_diagnostics};
 use super::pass_one::Collected;
 use super::pooled::{Pooled, frame_gains, tilts_file};
@@ -56,7 +58,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     let white_level = first.survey.white_level;
     let frames = &found.frames;
     let empirical = found.judgement.empirical.as_ref();
-    let rendering = exposure_of(&found, rig, (white_level, config));
+    let rendering = exposure_of_estimate(&found, rig, (white_level, config));
     let diagnostics = diagnostics(&found, first, options);
     let has_equal_beams =
         |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
@@ -241,23 +243,36 @@ pub fn exposure(
     estimate_rendering(&lit, model, white_level, &config.render)
 }
 
-/// Exposure and white balance of what corrects the frames.
-fn exposure_of(
+fn exposure_of_estimate(
     found: &ModelEstimate,
     rig: &Rig,
     (white_level, config): (Option<u16>, &Config),
 ) -> RenderingFile {
-    let (frames, lamps, judgement) = (&found.frames, found.strobe.lamps, &found.judgement);
+    let ModelEstimate { frames, strobe, judgement, estimate, .. } = found;
+    let residual = judgement.residual.as_ref().map(|fit| Arc::new(fit.light.clone()));
+    let model = ImagingModel { residual, ..estimate.model.clone() };
+    let strobe = StrobeMount { lamps: strobe.lamps, ..rig.strobe.clone() };
+    let rig = Rig { strobe, ..rig.clone() };
+    exposure_of(frames, (&model, judgement.empirical.as_ref()), &rig, (white_level, config))
+}
+
+/// Exposure and white balance of what corrects the frames, by their samples as the method meets
+/// them: without the gains of the frames, and without backscatter where the method removes it.
+pub fn exposure_of(
+    frames: &[FrameSamples],
+    (model, empirical): (&ImagingModel, Option<&EmpiricalFit>),
+    rig: &Rig,
+    (white_level, config): (Option<u16>, &Config),
+) -> RenderingFile {
     let is_full = config.render.method == Method::Full;
-    let empirical = judgement.empirical.as_ref().filter(|_| is_full);
-    let residual = judgement.residual.as_ref().filter(|_| is_full);
-    match (empirical, residual) {
+    let lamps = rig.strobe.lamps;
+    match (empirical.filter(|_| is_full), model.residual.as_deref().filter(|_| is_full)) {
         (Some(fit), _) => empirical_exposure(frames, fit, rig, (white_level, config)),
-        (None, Some(fit)) => {
-            let frames = without_residual(frames, &fit.light, rig);
-            exposure(&frames, &found.estimate.model, lamps, white_level, config)
+        (None, Some(light)) => {
+            let frames = without_residual(frames, light, rig);
+            exposure(&frames, model, lamps, white_level, config)
         }
-        (None, None) => exposure(frames, &found.estimate.model, lamps, white_level, config),
+        (None, None) => exposure(frames, model, lamps, white_level, config),
     }
 }
 

@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, MatchedPair, TiltFit};
 use crate::image::Bands;
 use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile};
+use crate::recording::LogIdentity;
 use crate::session::{CameraSession, FrameId};
 use crate::stats;
 use crate::vehicle::SettingSeries;
@@ -58,9 +59,11 @@ impl Pooled {
         let (log, offset) = (self.inputs.len(), self.frames.len());
         let survey = &session.survey;
         self.offsets_s.push(survey.camera_offset_s);
+        let LogIdentity { sha256, index_sha256 } = session.recording.identity();
         self.inputs.push(InputFile {
             name: session.file_name(),
-            sha256: session.recording.sha256()?.into(),
+            sha256,
+            index_sha256,
             camera_topic: survey.camera_topic.clone(),
             dvl_topic: survey.dvl_topic.clone(),
             frames: collected.frames.len(),

@@ -69,9 +69,8 @@ impl PreparedModel {
     ) -> Correction<'c> {
         let Rendering { config, exposure, means } = rendering;
         let table = || scatter_table(&self.model, rig);
-        let is_empirical = config.method == Method::Full && self.model.empirical.is_some();
-        let removes_backscatter = removes_water(config.method) && !is_empirical;
-        let scatter = self.model.backscatter.as_ref().filter(|_| removes_backscatter);
+        let is_removed = removes_backscatter(&self.model, config.method);
+        let scatter = self.model.backscatter.as_ref().filter(|_| is_removed);
         Correction {
             model: &self.fine,
             roughness: self.roughness,
@@ -88,6 +87,12 @@ impl PreparedModel {
 /// Whether a method removes attenuation and backscatter.
 pub fn removes_water(method: Method) -> bool {
     matches!(method, Method::Full | Method::Attenuation)
+}
+
+/// Whether a method subtracts the backscatter of a model; an empirical one has its own.
+pub fn removes_backscatter(model: &ImagingModel, method: Method) -> bool {
+    let is_empirical = method == Method::Full && model.empirical.is_some();
+    model.backscatter.is_some() && removes_water(method) && !is_empirical
 }
 
 /// The backscatter of every ray, where the model has backscatter.

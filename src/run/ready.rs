@@ -1,27 +1,24 @@
 //! A camera that is ready for pass two: surveyed, with a model and all that is made of it.
 
-use crate::config::Estimator;
+use crate::config::JpegQuality;
 use crate::correct::{self, MeanFrames};
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, samples_for_model};
-use crate::image::Bands;
 use crate::image::tone::Tone;
 use crate::messages::writer::WireFormat;
-use crate::model::ModelFile;
+use crate::model::{InputFile, ModelFile};
 use crate::parallel::Threads;
 use crate::session::survey::rig_facts;
-use crate::session::{CameraSession, FrameGains, Options, Progress, sha256};
-use crate::vehicle::Rig;
+use crate::session::{CameraSession, Options, Progress, sha256};
 
-use super::beam_from::fit_log;
 use super::camera_model::CameraModel;
 use super::camera_output::CameraOutput;
+use super::clouds::Clouds;
 use super::corrector::Corrector;
-use super::model_of::{exposure, strobe_of};
+use super::exposure::{exposed, fit_with_exposure};
+use super::jpeg_quality::jpeg_quality;
 use super::output_names::{camera_name, ensure_not_corrected};
-use super::pass_one::PassOne;
-use super::prepared_model::{Rendering, removes_water, scatter_table};
+use super::prepared_model::Rendering;
 
 /// A camera that is ready for pass two.
 pub struct ReadyCamera {
@@ -30,6 +27,7 @@ pub struct ReadyCamera {
     /// its model
     pub model: CameraModel,
     means: MeanFrames,
+    clouds: Clouds,
     rig_toml: String,
     /// fingerprint of what the run was given beside its input
     request: String,
@@ -77,17 +75,15 @@ impl ReadyCamera {
         progress: &dyn Progress,
     ) -> Result<Self> {
         let method = options.config.render.method;
-        let source = options.source_sha256.as_deref();
+        let source = options.source.as_ref();
         let request = request_sha256(options, model.as_ref())?;
         let (mut file, means) = match model {
-            None => fit_log(&[&session], options, threads, progress)?,
+            None => fit_with_exposure(&[&session], options, threads, progress)?,
             Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
                 (file, MeanFrames::default())
             }
-            Some(file) => {
-                let CameraModel { file, .. } = CameraModel::new(&mut session, file, source)?;
-                expose(&session, file, options, threads, progress)?
-            }
+            // Made for another method, or without the mean frames of this log.
+            Some(file) => exposed(&[&session], file, options, threads, progress)?,
         };
         // Exposure belongs to the model, the treatment of highlights to this run.
         let tone = correct::tone(&options.config.render, &file.rendering);
@@ -104,12 +100,21 @@ impl ReadyCamera {
         let rig = rig_facts(&session.survey.rig, &options.rig);
         let rig_toml = toml::to_string_pretty(&rig)
             .map_err(|e| Error::WriteRecord { path: "rig.toml".into(), reason: e.to_string() })?;
-        Ok(Self { session, model, means, rig_toml, request, diagnostics })
+        let rendering = Rendering {
+            config: &session.config.render,
+            exposure: &model.file.rendering,
+            means: &means,
+        };
+        // The settings that are written with the log say what was chosen.
+        let quality = jpeg_quality(&session, &model, rendering, threads)?;
+        session.config.render.jpeg_quality = JpegQuality::Of(quality);
+        let clouds = Clouds::of(&session);
+        Ok(Self { session, model, means, clouds, rig_toml, request, diagnostics })
     }
 
     /// The camera as pass two needs it.
     pub fn output(&self, is_first: bool, wire: WireFormat) -> CameraOutput<'_> {
-        let Self { session, model, means, rig_toml, request, diagnostics } = self;
+        let Self { session, model, means, clouds, rig_toml, request, diagnostics } = self;
         let config = &session.config.render;
         let rendering = Rendering { config, exposure: &model.file.rendering, means };
         CameraOutput {
@@ -119,51 +124,20 @@ impl ReadyCamera {
             wire,
             rig_toml,
             request,
+            clouds,
             model_diagnostics: diagnostics,
             name: if is_first { String::new() } else { camera_name(&session.survey.camera_topic) },
         }
     }
 }
 
-/// A model made for another method gets its exposure from this log's samples, as exposure depends
-/// on what is removed. Keypoints are not needed.
-fn expose(
-    session: &CameraSession,
-    mut file: ModelFile,
-    options: &Options,
-    threads: &Threads,
-    progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
-    let mut config = options.config.clone();
-    config.estimate.estimator = Estimator::Altitude;
-    let max_frames = config.estimate.max_frames;
-    let pass_one = PassOne { session, config: &config, max_frames, threads, progress };
-    let collected = pass_one.collect()?;
-    let model = file.imaging_model().map_err(Error::Usage)?;
-    let survey = &session.survey;
-    let strobe = strobe_of(&file, &survey.rig);
-    let lamps = strobe.lamps;
-    let rig = Rig { strobe, ..survey.rig.clone() };
-    let table = removes_water(config.render.method).then(|| scatter_table(&model, &rig)).flatten();
-    let gains = FrameGains::new(&file, &session.recording, None)?;
-    let log_gain = |f: &FrameSamples| {
-        let gain = |frame| survey.frame_gain(&file, &gains, frame, || f.mean_reading);
-        survey.frames.get(f.frame).map_or([0.0; 3], |frame| gain(frame).map(f64::ln))
-    };
-    let log_gains: Vec<Bands> = collected.frames.iter().map(log_gain).collect();
-    let scatter = model.backscatter.as_ref().zip(table.as_ref());
-    let frames =
-        samples_for_model(collected.frames, &log_gains, rig.body_from_optical, lamps, scatter);
-    file.rendering = exposure(&frames, &model, lamps, survey.white_level, &options.config);
-    Ok((file, collected.means))
-}
-
 /// Diagnostics of the model, marked where it was estimated from other logs.
 fn model_diagnostics(session: &CameraSession, model: &CameraModel) -> Result<Vec<Diagnostic>> {
     let inputs = &model.file.inputs;
-    let own = session.recording.sha256()?;
+    let of_input = |input: &InputFile| session.recording.is(&input.identity());
+    let is_own = inputs.iter().map(of_input).collect::<Result<Vec<bool>>>()?;
     let mut diagnostics = model.file.diagnostics.clone();
-    if inputs.iter().all(|input| input.sha256 != own) {
+    if !is_own.contains(&true) {
         let logs: Vec<&str> = inputs.iter().map(|input| input.name.as_str()).collect();
         diagnostics.iter_mut().for_each(|d| d.model_log = Some(logs.join(", ")));
         let frames = model.gains_of_other_logs();

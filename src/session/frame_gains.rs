@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::index::FrameRef;
 use crate::error::Result;
 use crate::image::Bands;
-use crate::model::{FrameGainFile, ModelFile, RangeFactor};
-use crate::recording::{FrameId, Recording};
+use crate::model::{FrameGainFile, InputFile, ModelFile, RangeFactor};
+use crate::recording::{FrameId, LogIdentity, Recording};
 use crate::units::Stamp;
 
 /// Light and slant ranges of a frame, over what they would be: gain per band and range factor.
@@ -31,23 +31,26 @@ impl FrameGains {
     pub fn new(
         file: &ModelFile,
         recording: &Recording,
-        source_sha256: Option<&str>,
+        source: Option<&LogIdentity>,
     ) -> Result<Self> {
         let mut gains = Self::default();
         if file.frame_gains.is_empty() {
             return Ok(gains);
         }
-        let own = recording.sha256()?;
+        let of_input = |input: &InputFile| recording.is(&input.identity());
+        let is_own = file.inputs.iter().map(of_input).collect::<Result<Vec<bool>>>()?;
         for of_frame in &file.frame_gains {
             let FrameGainFile { stamp_ns, gain, balance, frame, input, .. } = of_frame;
             let gain = balance.map_or([*gain; 3], |of_band| of_band.map(|own| own * gain));
-            let input = file.inputs.get(*input).map(|input| input.sha256.as_str());
+            let is_own = is_own.get(*input).copied().unwrap_or(false);
+            let identity = file.inputs.get(*input).map(InputFile::identity);
+            let is_of_source = || identity.zip(source).is_some_and(|(a, b)| a.is_same(b));
             match frame {
-                Some(id) if input == Some(own) => {
+                Some(id) if is_own => {
                     gains.by_id.insert(*id, (gain, of_frame.ranges()));
                 }
                 // Models of earlier versions have stamps alone.
-                frame if frame.is_none() || (input.is_some() && input == source_sha256) => {
+                frame if frame.is_none() || is_of_source() => {
                     gains.by_stamp.entry(Stamp(*stamp_ns)).or_insert((gain, of_frame.ranges()));
                 }
                 _ => gains.of_other_logs += 1,

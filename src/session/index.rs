@@ -7,7 +7,7 @@ use super::joints::{self, Joint};
 use super::readings::{ChannelReadings, Readings};
 use crate::diagnostics::RangeFact;
 use crate::image::decode::{CameraResponse, describe, white_level};
-use crate::image::{Container, EncodedImage, decode};
+use crate::image::{Container, EncodedImage, decode, jpeg_header};
 use crate::messages::value::Value;
 use crate::messages::{ChannelSchema, Decoder, Kind, attitude_frame, header};
 use crate::parallel::{Job, Threads};
@@ -52,6 +52,10 @@ pub struct ChannelIndex {
     pub bits_used: u16,
     /// bytes of the largest image message
     pub largest_image_bytes: usize,
+    /// bytes of all image messages
+    pub image_bytes: u64,
+    /// highest quality of the JPEGs that were examined
+    pub jpeg_quality: Option<u8>,
     /// width and height of the first image (px)
     pub image_size: Option<(usize, usize)>,
     /// why the first image that was examined and cannot be decoded cannot be
@@ -328,6 +332,7 @@ impl ChannelSink<'_> {
             Kind::Image(decode) => {
                 let bytes = message.data().len();
                 self.index.largest_image_bytes = self.index.largest_image_bytes.max(bytes);
+                self.index.image_bytes += bytes as u64;
                 self.index.image(&decode(&value)?, frame);
             }
             Kind::CameraInfo(decode) => {
@@ -391,6 +396,9 @@ impl ChannelIndex {
             match decode::decode(image, CameraResponse::default()) {
                 Ok(decoded) => {
                     self.container.get_or_insert(decoded.coding.container);
+                    if let EncodedImage::Compressed { data, .. } = image {
+                        self.jpeg_quality = self.jpeg_quality.max(jpeg_header::quality(data));
+                    }
                     if decoded.coding.bits == 16 {
                         self.bits_used |= decoded.coding.bits_used;
                     }

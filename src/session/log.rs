@@ -36,7 +36,8 @@ impl Log {
         Self::scan(Recording::open(path)?, options, &threads)?.with_messages(options)
     }
 
-    /// As [`Log::open`], of one file or several; their fingerprint is computed from the same read.
+    /// As [`Log::open`], of one file or several. Their fingerprint is computed from the same read;
+    /// not with a window, for which only what is needed is read.
     ///
     /// # Errors
     /// As [`Log::open`].
@@ -46,7 +47,7 @@ impl Log {
         threads: &Threads,
     ) -> Result<Self> {
         let recording = Arc::new(Recording::open_files(files)?);
-        let fingerprint = Some(recording.fingerprint());
+        let fingerprint = options.window.is_none().then(|| recording.fingerprint());
         Self::read(&recording, fingerprint, options, threads)?.with_messages(options)
     }
 

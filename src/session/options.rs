@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::Config;
 use crate::model::ModelFile;
-use crate::recording::Window;
+use crate::recording::{LogIdentity, Window};
 use crate::vehicle::RigFile;
 
 /// Choices between the channels of a log.
@@ -42,8 +42,8 @@ pub struct Options {
     /// a model whose beam pattern, strobe position, transfer curve and vignetting are used; only
     /// attenuation is estimated
     pub beam_from: Option<Arc<ModelFile>>,
-    /// fingerprint of the raw log, where the log that is read was corrected before
-    pub source_sha256: Option<String>,
+    /// the raw log, where the log that is read was corrected before
+    pub source: Option<LogIdentity>,
 }
 
 /// One of several parts of a log that are corrected apart.

@@ -17,14 +17,12 @@ pub struct Tilts {
 }
 
 impl Tilts {
-    /// The tilts of a model for the log that `is_own` recognises by its SHA-256; `None` where it
-    /// has none: they are those of a dive, not of a vehicle.
-    pub fn of(file: &ModelFile, is_own: &dyn Fn(&str) -> bool) -> Option<Self> {
+    /// The tilts of a model for a log; `is_own` tells for each input of the model whether it is
+    /// that log. `None` where there are none: they are those of a dive, not of a vehicle.
+    pub fn of(file: &ModelFile, is_own: &[bool]) -> Option<Self> {
         let tilts = file.tilts.as_ref()?;
         let radians = |tilt: [f64; 2]| tilt.map(f64::to_radians);
-        let of_own = |tilt: &&TiltFile| {
-            file.inputs.get(tilt.input).is_some_and(|input| is_own(&input.sha256))
-        };
+        let of_own = |tilt: &&TiltFile| is_own.get(tilt.input).is_some_and(|is_own| *is_own);
         let of_frame = |tilt: &TiltFile| (Stamp(tilt.stamp_ns), radians(tilt.tilt_deg));
         let by_stamp: BTreeMap<Stamp, [f64; 2]> =
             tilts.frames.iter().filter(of_own).map(of_frame).collect();

@@ -9,10 +9,10 @@ use crate::support::render::Dive;
 use mcap::records::Record;
 use unwater::config::Compression;
 use unwater::model::ModelFile;
-use unwater::recording::{Entry, Recording, Window};
+use unwater::recording::{Entry, LogIdentity, Recording, Window};
 use unwater::run::{correct, estimate_logs};
 use unwater::session::index::{scan, scan_with};
-use unwater::session::{CameraSession, Options, Silent, Threads};
+use unwater::session::{CameraSession, Log, Options, Silent, Threads};
 use unwater::vehicle::DvlFacts;
 
 /// A small dive and its model, made once.
@@ -292,6 +292,35 @@ fn a_window_reads_only_the_chunks_it_needs() {
             && scanned.channels.values().any(|c| !c.joints.is_empty())
     );
     assert_eq!(scanned.channels.values().map(|c| c.frames.len()).sum::<usize>(), 12);
+}
+
+/// A run of a window does not read the rest for its fingerprint either; the index identifies the
+/// log then.
+#[test]
+fn a_window_is_identified_without_reading_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, other) = (folder.path().join("long.mcap"), folder.path().join("other.mcap"));
+    for (path, minutes) in [(&path, 20), (&other, 19)] {
+        written(path, mcap::WriteOptions::new().chunk_size(Some(1 << 17)), minutes);
+    }
+    let log_time = |e: Entry| if let Entry::Message(m) = e { m.log_time } else { 0 };
+    let whole = Recording::open(&path).unwrap();
+    let start = whole.messages(Window::ALL).next().map(log_time).unwrap() + 10 * 60_000_000_000;
+    let window = Some(Window { start, end: start + 60_000_000_000 });
+    let options = Options { window, ..Options::default() };
+    let log = Log::open_with_sha256(&path.as_path().into(), &options, &Threads::new(2)).unwrap();
+    let share = log.recording.bytes_read() as f64 / log.recording.length() as f64;
+    assert!(share < 0.15, "{share}");
+    let of_window = log.recording.identity();
+    assert!(!of_window.is_whole());
+    assert!(whole.is(&of_window).unwrap() && whole.equals(&of_window).unwrap());
+    whole.sha256().unwrap();
+    assert!(whole.is(&of_window).unwrap() && log.recording.is(&whole.identity()).unwrap());
+    let of_other = Recording::open(&other).unwrap();
+    assert!(!of_other.is(&of_window).unwrap() && !of_other.equals(&of_window).unwrap());
+    // Files of earlier versions have the fingerprint of all bytes alone.
+    let before = LogIdentity { index_sha256: String::new(), ..whole.identity() };
+    assert!(log.recording.is(&before).unwrap() && !of_other.is(&before).unwrap());
 }
 
 /// Blocks of a scan and what lies beside them give the fingerprint of the file.

@@ -131,6 +131,43 @@ fn outputs_of_one_name_are_refused() {
     assert!(ran.status.code() == Some(2) && stderr(&ran).contains("folder"), "{}", stderr(&ran));
 }
 
+/// Nothing is written where an output would replace another input, or a file is given twice.
+#[test]
+fn inputs_are_given_once_and_are_no_outputs() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |name: &str| folder.path().join(name);
+    let names = ["a.mcap", "a.corrected.mcap", "p_0.mcap", "p_1.mcap"];
+    for name in names {
+        std::fs::copy(sample(), of(name)).unwrap();
+    }
+    let before = std::fs::read_dir(folder.path()).unwrap().count();
+    let refused = |command: &str, paths: &[&Path], words: &str| {
+        let paths: Vec<&str> = paths.iter().map(|path| text(path)).collect();
+        let ran = unwater(&[&[command, "--force"], &paths[..]].concat());
+        let error = stderr(&ran);
+        assert!(ran.status.code() == Some(2) && error.contains(words), "{words}: {error}");
+    };
+    let (a, other) = (of("a.mcap"), of("a.corrected.mcap"));
+    let output = format!("{}, is the input {}", text(&other), text(&other));
+    refused("correct", &[&a, &other], &output);
+    let [p_0, p_1, same] = ["p_0.mcap", "p_1.mcap", "./a.mcap"].map(of);
+    for command in ["correct", "estimate"] {
+        refused(command, &[&a, &a], "a.mcap is given twice");
+        refused(command, &[&a, &same], "are the same file");
+        refused(command, &[&p_0, &p_1, &p_1], "p_1.mcap is given twice");
+    }
+    #[cfg(unix)]
+    {
+        let nested = of("nested");
+        std::fs::create_dir(&nested).unwrap();
+        std::os::unix::fs::symlink(&a, nested.join("b.mcap")).unwrap();
+        refused("correct", &[&a, &nested.join("b.mcap")], "are the same file");
+        refused("correct", &[&nested, &a], "are the same file");
+        std::fs::remove_dir_all(&nested).unwrap();
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), before);
+}
+
 /// The sample in three parts, which number their channels each in its own way. Mounts and
 /// calibration are in the first alone.
 fn split(folder: &Path) -> [PathBuf; 3] {
@@ -323,10 +360,21 @@ fn stills_and_a_table_become_a_log() {
         format!("{rows}lost,images/lost.jpg,{},,,,,2,0,0,0\n", "2025-06-15 16:00:00"),
     )
     .unwrap();
-    let import = |more: &[&str]| {
-        let args = ["import", text(&stills), "--table", text(&table), "-o", text(&log), "--force"];
+    let import_to = |log: &Path, more: &[&str]| {
+        let args = ["import", text(&stills), "--table", text(&table), "-o", text(log), "--force"];
         unwater(&[&args[..], more].concat())
     };
+    let import = |more: &[&str]| import_to(&log, more);
+    // A still is no output, whether the table lists it or not.
+    let first = stills.join(rows.lines().nth(1).unwrap().split(',').nth(1).unwrap());
+    let unlisted = stills.join("unlisted.jpg");
+    std::fs::copy(&first, &unlisted).unwrap();
+    for still in [&first, &unlisted] {
+        let before = std::fs::read(still).unwrap();
+        let ran = import_to(still, &[]);
+        assert!(stderr(&ran).contains("the output is the input"), "{}", stderr(&ran));
+        assert!(std::fs::read(still).unwrap() == before);
+    }
     let ran = import(&["--horizontal-fov", "45"]);
     assert_eq!(ran.status.code(), Some(3), "{}", stderr(&ran));
     assert!(stderr(&ran).contains("images/lost.jpg"), "{}", stderr(&ran));

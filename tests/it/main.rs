@@ -19,6 +19,7 @@ mod jpeg;
 mod judge;
 mod limits_of_signal;
 mod messages;
+mod mutants;
 mod never_worse_than_raw;
 mod products;
 mod program;

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use crate::support::judge::{assert_within, images, run_and_show, shown_again, unbend};
 use crate::support::render::Dive;
-use unwater::config::{ImageFormat, Look};
+use unwater::config::{ImageFormat, Look, Method};
 use unwater::image::LinearImage;
 use unwater::image::tone::ContrastCurve;
-use unwater::run::correct;
+use unwater::run::{correct, estimate_logs};
 use unwater::session::{Options, Silent};
 
 fn dive() -> Dive {
@@ -167,4 +167,22 @@ fn pixels_close_to_the_noise_are_counted() {
         unknown < 0.05 && unknown < told && told + 0.1 < starved && starved < 1.0,
         "{unknown} {told} {starved}"
     );
+}
+
+/// The samples of an estimate are without backscatter. A method that leaves it in the images gets
+/// its exposure from what it leaves, in a run of its own as with a given model.
+#[test]
+fn exposure_is_of_what_the_method_leaves() {
+    let folder = tempfile::tempdir().unwrap();
+    let [log, out] = ["dive.mcap", "out.mcap"].map(|name| folder.path().join(name));
+    let small = Dive { frames: 20, width: 288, height: 216, focal_px: 340.0, ..Dive::default() };
+    Dive { seed: 101, backscatter: 0.2, ..small }.write(&log);
+    let (full, _) = estimate_logs(&[&log], &Options::default(), &Silent).unwrap();
+    assert!(full.backscatter.is_some());
+    let mut options = Options::default();
+    options.config.render.method = Method::BeamPattern;
+    let (own, _) = estimate_logs(&[&log], &options, &Silent).unwrap();
+    let (_, given) = correct(&log, &out, Some(full), &options, &Silent).unwrap();
+    assert_eq!(own.rendering.gain, given.rendering.gain);
+    assert_eq!(own.rendering.median_reflectance, given.rendering.median_reflectance);
 }

@@ -119,7 +119,9 @@ fn gains_belong_to_frames_of_their_log() {
     let recording = Recording::open(&sample()).unwrap();
     let (mut model, _) = estimate_logs(&[&sample()], &Options::default(), &Silent).unwrap();
     let own = model.inputs[0].clone();
-    model.inputs.push(InputFile { sha256: "0".repeat(64), ..own });
+    let (sha256, index_sha256) = ("0".repeat(64), "1".repeat(64));
+    model.inputs.push(InputFile { sha256, index_sha256, ..own });
+    let source = model.inputs[1].identity();
     let frame = |entry, stamp| {
         let (stamp, id) = (Stamp(stamp), FrameId { block: 1, entry });
         FrameRef { id, stamp, logged: stamp }
@@ -140,7 +142,6 @@ fn gains_belong_to_frames_of_their_log() {
     assert_eq!([first, second, third].map(|f| gains.of(&f)), [Some([0.5; 3]), None, None]);
     assert_eq!(gains.of_other_logs, 1);
     // A corrected log has other identities than its source, and the same stamps.
-    let source = "0".repeat(64);
     let gains = FrameGains::new(&model, &recording, Some(&source)).unwrap();
     assert_eq!((gains.of(&frame(7, 9)), gains.of_other_logs), (Some([0.25; 3]), 0));
     // Identities survive the file; files of earlier versions have stamps alone.

@@ -93,7 +93,17 @@ fn joined_shards_are_the_undivided_log() {
             let ran = join(&paths[1..]);
             assert!(ran.status.code() == Some(2) && error(&ran).contains("4/4"), "{}", error(&ran));
             let twice = [&paths[..], &paths[..1]].concat();
-            assert_eq!(join(&twice).status.code(), Some(2));
+            let ran = join(&twice);
+            assert!(
+                ran.status.code() == Some(2) && error(&ran).contains("part_4.mcap and"),
+                "{}",
+                error(&ran)
+            );
+            // A shard is no finished dive.
+            let ran = unwater(&["table", text(&whole), paths[0]]);
+            let table = String::from_utf8_lossy(&ran.stdout).into_owned();
+            let ends: Vec<&str> = table.lines().map(str::trim_end).collect();
+            assert!(ends[1].ends_with("with losses") && ends[2].ends_with("shard 4/4"), "{table}");
             let other = of("other.mcap");
             let ran = unwater(
                 &[&common[..], &["--shard", "0/4", "--jpeg-quality", "80", "-o", text(&other)]]

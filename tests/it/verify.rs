@@ -237,3 +237,31 @@ fn outputs_of_other_options_are_verified_too() {
         }
     }
 }
+
+/// `--drop-raw` keeps the frames that were not corrected; they are compared with the input.
+#[test]
+fn frames_that_passed_through_are_no_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let [input, out, copy] = ["in.mcap", "out.mcap", "copy.mcap"].map(|n| folder.path().join(n));
+    let is_cut = [nth("/camera/image_raw", 3), nth("/camera/image_raw", 11)];
+    edited(&input, |record| {
+        if is_cut.iter().filter(|is_cut| is_cut(&record.topic)).count() > 0 {
+            record.data.truncate(200);
+        }
+    });
+    let against = ["--against", input.to_str().unwrap()];
+    corrected(&input, &out, &["--drop-raw", "--accept-losses"]);
+    let (status, document) = verified(&out, &[]);
+    assert_eq!((status, codes(&document)), (Some(3), vec!["verify-not-repeated"]));
+    let (status, document) = verified(&out, &against);
+    assert_eq!((status, codes(&document)), (Some(0), vec![]), "{document}");
+    let kept = document["input_messages"].as_u64().unwrap();
+    // One of them is missing: that is a fault.
+    let is_second = nth("/camera/image_raw", 1);
+    rewritten(&out, &copy, &Edit { message: &|topic, _| !is_second(topic), ..KEEP });
+    let (status, document) = verified(&copy, &against);
+    assert_eq!((status, codes(&document)), (Some(1), vec!["verify-messages"]), "{document}");
+    assert_eq!(document["input_messages"].as_u64(), Some(kept));
+    let found = &document["diagnostics"][0];
+    assert_eq!((&found["found"], &found["expected"]), (&1.into(), &2.into()));
+}

@@ -9,7 +9,7 @@ use crate::recording::LogFiles;
 
 pub fn run(args: &Args) -> Result<Outcome> {
     let run = Run::new(args)?;
-    let outcome = match LogFiles::group(&args.inputs).as_slice() {
+    let outcome = match LogFiles::group(&args.inputs)?.as_slice() {
         [log] => run.one(log)?,
         logs => correct_many::run(&run, logs, args.output.as_deref())?,
     };

@@ -153,7 +153,7 @@ impl Run<'_> {
         let request = run::request_sha256(&self.options, self.model.as_ref())?;
         let recording = Recording::open_files(log)?;
         let shard = self.options.shard;
-        Ok(finished(output, (recording.sha256()?, &request), shard))
+        Ok(finished(output, (&recording, &request), shard))
     }
 }
 

@@ -1,6 +1,6 @@
 //! `correct` of several logs: each has its own output, and one that fails does not stop the rest.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -9,7 +9,7 @@ use super::super::output::{Outcome, print, print_json};
 use super::correct_log::{Finished, Run, outcome};
 use crate::error::{Error, Result};
 use crate::products::dive_table::{Row, as_text};
-use crate::recording::LogFiles;
+use crate::recording::{FileIdentity, LogFiles};
 
 /// Corrects the logs one after another, and prints a table of them all. The outcome is the worst
 /// of them.
@@ -73,6 +73,7 @@ fn outputs(run: &Run<'_>, logs: &[LogFiles], folder: Option<&Path>) -> Result<Ve
             twice.display()
         )));
     }
+    ensure_no_input(logs, &outputs)?;
     if let Some(folder) = folder {
         if folder.extension().is_some_and(|e| e == "mcap") || folder.is_file() {
             return Err(Error::Usage(format!(
@@ -85,4 +86,24 @@ fn outputs(run: &Run<'_>, logs: &[LogFiles], folder: Option<&Path>) -> Result<Ve
             .map_err(|source| Error::Write { path: folder.into(), source })?;
     }
     Ok(outputs)
+}
+
+/// An output may not replace the input of another log.
+fn ensure_no_input(logs: &[LogFiles], outputs: &[PathBuf]) -> Result<()> {
+    let files = logs.iter().flat_map(|log| log.files().unwrap_or_default());
+    let inputs: BTreeMap<FileIdentity, PathBuf> =
+        files.filter_map(|file| Some((FileIdentity::of(&file)?, file))).collect();
+    for (log, output) in logs.iter().zip(outputs) {
+        let input = FileIdentity::of(output).and_then(|identity| inputs.get(&identity));
+        if let Some(input) = input {
+            return Err(Error::Usage(format!(
+                "the output of {}, {}, is the input {}; leave that out, or give another folder \
+                 with -o DIR",
+                log.path.display(),
+                output.display(),
+                input.display()
+            )));
+        }
+    }
+    Ok(())
 }

@@ -41,7 +41,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let beam_from = read_model(args.beam_from.as_deref())?.map(Arc::new);
     let options = Options { beam_from, ..args.log.options(&[&args.estimate])? };
-    let logs = LogFiles::group(&args.inputs);
+    let logs = LogFiles::group(&args.inputs)?;
     let default = || logs.first().map(|log| log.beside("model.json")).unwrap_or_default();
     let output = args.output.clone().unwrap_or_else(default);
     if !is_stdout(&output) {

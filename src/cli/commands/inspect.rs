@@ -9,10 +9,10 @@ use super::super::output::{Outcome, print, print_json};
 use super::inspect_text::text;
 use crate::error::{Error, Result};
 use crate::image::Container;
-use crate::recording::{Channel, Recording};
+use crate::recording::{Block, Channel, Recording};
 use crate::run::clock_offsets::clock_offsets;
 use crate::run::memory::Load;
-use crate::run::{self, corrected_topic, output_container};
+use crate::run::{self, corrected_topic, output_container, output_size};
 use crate::session::{CameraSession, Log, Options, Silent, Threads};
 
 #[derive(Debug, clap::Args)]
@@ -151,8 +151,17 @@ fn plan(session: &CameraSession, options: &Options, with_clocks: bool) -> Value 
     let (pixels, source_bytes) = (s.image_pixels, s.image_bytes);
     let threads = Threads::new(options.threads).count();
     let pass_one_frames = s.frames.len().min(options.config.estimate.max_frames);
-    let memory =
-        Load { threads, pixels, source_bytes, pass_one_frames }.bound(&options.config).total();
+    let blocks = session.recording.blocks().iter();
+    let chunk_bytes: Vec<usize> = blocks.map(Block::memory_bytes).collect();
+    let load = Load {
+        threads,
+        pixels,
+        source_bytes,
+        largest_chunk: chunk_bytes.iter().copied().max().unwrap_or(0),
+        all_chunks: chunk_bytes.iter().fold(0, |sum, bytes| sum.saturating_add(*bytes)),
+        pass_one_frames,
+    };
+    let memory = load.bound(&options.config).total();
     let mut plan = json!({
         "camera": s.camera_topic,
         "frames": s.frames.len(),
@@ -167,6 +176,7 @@ fn plan(session: &CameraSession, options: &Options, with_clocks: bool) -> Value 
         "corrected_topic": corrected_topic(&s.camera_topic, container != Container::Raw),
         "threads": threads,
         "memory_at_most_bytes": memory,
+        "output_about_bytes": output_size::forecast(session),
         "diagnostics": s.diagnostics,
     });
     if let Some(found) = clocks {

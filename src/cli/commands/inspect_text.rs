@@ -99,6 +99,8 @@ impl Text {
         self.line(format_args!("  strobe from {strobe}"));
         let memory = plan["memory_at_most_bytes"].as_f64().unwrap_or(f64::NAN) / 1e6;
         self.line(format_args!("  memory at most {memory:.0} MB with {} threads", plan["threads"]));
+        let output = plan["output_about_bytes"].as_f64().unwrap_or(f64::NAN) / 1e6;
+        self.line(format_args!("  output about {output:.1} MB"));
         list(&plan["clocks"]).iter().for_each(|clock| self.diagnostic("clock", clock));
         for diagnostic in list(&plan["diagnostics"]) {
             let is_info = diagnostic["severity"] == json!(Severity::Info);

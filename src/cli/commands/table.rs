@@ -1,12 +1,14 @@
 //! `table`: one row per corrected dive.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::super::output::{Outcome, print};
 use crate::error::Result;
 use crate::products::dive::{CameraLog, read_cameras};
 use crate::products::dive_table::{Row, as_csv, as_text};
 use crate::recording::{LogFiles, Recording};
+use crate::run::shard_of;
+use crate::session::Shard;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -23,12 +25,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (mut rows, mut outcome) = (Vec::new(), Outcome::Done);
     for input in &args.inputs {
         let log = LogFiles::from(input).stem;
-        match Recording::open(input).and_then(|recording| read_cameras(&recording)) {
-            Ok(cameras) => {
+        match read(input) {
+            Ok((cameras, shard)) => {
                 let facts = |camera: CameraLog| (camera.report, camera.model);
                 let has_losses = cameras.iter().any(|camera| camera.report.has_losses());
-                let result = if has_losses { "with losses" } else { "done" };
-                rows.extend(Row::of_cameras(&log, result, cameras.into_iter().map(facts)));
+                let result = match (shard, has_losses) {
+                    // Its numbers are those of its own frames.
+                    (Some(Shard { index, count }), _) => format!("shard {index}/{count}"),
+                    (None, true) => "with losses".into(),
+                    (None, false) => "done".into(),
+                };
+                rows.extend(Row::of_cameras(&log, &result, cameras.into_iter().map(facts)));
             }
             Err(error) => {
                 eprintln!("unwater: {error}");
@@ -39,4 +46,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     print(&if args.csv { as_csv(&rows) } else { as_text(&rows) });
     Ok(outcome)
+}
+
+/// The cameras of a corrected log, and which part of one it is where it is not whole.
+fn read(input: &Path) -> Result<(Vec<CameraLog>, Option<Shard>)> {
+    let recording = Recording::open(input)?;
+    Ok((read_cameras(&recording)?, shard_of(&recording)))
 }

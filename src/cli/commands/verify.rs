@@ -32,7 +32,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<Outcome> {
-    let inputs = LogFiles::group(&args.against);
+    let inputs = LogFiles::group(&args.against)?;
     let input = match inputs.as_slice() {
         [] => None,
         [one] => Some(one),

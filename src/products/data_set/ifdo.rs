@@ -46,7 +46,7 @@ pub struct Record<'r> {
     /// name of the log, without its ending
     pub name: String,
     /// fingerprint of the raw log
-    pub source_sha256: &'r str,
+    pub source: String,
     /// name of the camera
     pub sensor: &'r str,
     /// facts that no log contains
@@ -60,8 +60,8 @@ pub struct Record<'r> {
 impl Record<'_> {
     /// The header.
     pub fn header(&self, stills: &[Still<'_>]) -> Map<String, Json> {
-        let Self { camera, name, source_sha256, sensor, facts, .. } = self;
-        let id = uuid(&format!("{source_sha256} {}", camera.fact("camera_topic")));
+        let Self { camera, name, source, sensor, facts, .. } = self;
+        let id = uuid(&format!("{source} {}", camera.fact("camera_topic")));
         let report = &camera.report;
         let protocol =
             format!("unwater {}: method {}, from {}", report.version, report.method, report.source);
@@ -77,7 +77,7 @@ impl Record<'_> {
         set("image-sensor", json!({ "name": sensor }));
         set("image-acquisition", json!("photo"));
         set("image-quality", json!("product"));
-        set("image-illumination", json!("artificial light"));
+        set("image-illumination", json!(Illumination::of(&camera.model).of_set));
         set("image-marine-zone", json!("seafloor"));
         let bands = camera.model.attenuation_per_m.len();
         set("image-spectral-resolution", json!(if bands == 1 { "grayscale" } else { "rgb" }));
@@ -151,6 +151,32 @@ fn within_half_turn(longitude: f64) -> f64 {
     if longitude.abs() > 180.0 { longitude - 360.0 * longitude.signum() } else { longitude }
 }
 
+/// What lit the seafloor, in the words of the standard.
+struct Illumination {
+    of_set: &'static str,
+    of_sequence: &'static str,
+    description: &'static str,
+}
+
+impl Illumination {
+    fn of(model: &ModelFile) -> Self {
+        if model.daylight.is_some() {
+            Self {
+                of_set: "mixed light",
+                of_sequence: "mixed",
+                description: "strobe of the vehicle, and daylight; beam pattern and strength of \
+                              daylight are in model.json",
+            }
+        } else {
+            Self {
+                of_set: "artificial light",
+                of_sequence: "constant artificial",
+                description: "strobe of the vehicle; its beam pattern is in model.json",
+            }
+        }
+    }
+}
+
 /// All fields of the photometric calibration.
 fn photometry(model: &ModelFile) -> Json {
     let known = if model.identified {
@@ -165,7 +191,7 @@ fn photometry(model: &ModelFile) -> Json {
     );
     let gain = |band: usize| model.rendering.gain.get(band).or(model.rendering.gain.first());
     let gains: Bands = std::array::from_fn(|band| gain(band).copied().unwrap_or(1.0));
-    let lights = [1.0; 3];
+    let (lights, illumination) = ([1.0; 3], Illumination::of(model));
     // The standard has RGB in capitals; its Python package (ifdo 1.6) reads these two in small
     // letters only.
     json!({
@@ -173,9 +199,8 @@ fn photometry(model: &ModelFile) -> Json {
             "one factor per band for the whole image set, in linear light",
         "photometric-exposure-factor-RGB": gains,
         "photometric-exposure-factor-rgb": gains,
-        "photometric-sequence-illumination-type": "constant artificial",
-        "photometric-sequence-illumination-description":
-            "strobe of the vehicle; its beam pattern is in model.json",
+        "photometric-sequence-illumination-type": illumination.of_sequence,
+        "photometric-sequence-illumination-description": illumination.description,
         "photometric-illumination-factor-RGB": lights,
         "photometric-illumination-factor-rgb": lights,
         "photometric-water-properties-description": water,
@@ -203,4 +228,29 @@ fn calibration(poses: &CameraPoses) -> Option<Json> {
         "calibration-model-extra-description":
             format!("for images of {} by {} pixels", camera.width, camera.height),
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::DaylightFile;
+
+    #[test]
+    fn daylight_beside_the_strobe_is_mixed_light() {
+        let text = include_str!("../../../examples/model.json");
+        let mut model = ModelFile::from_json(text).expect("a model");
+        let words = |model: &ModelFile| {
+            let of_sequence = photometry(model)["photometric-sequence-illumination-type"].clone();
+            (Illumination::of(model).of_set, of_sequence)
+        };
+        assert_eq!(words(&model), ("artificial light", json!("constant artificial")));
+        let three = vec![0.1; 3];
+        model.daylight = Some(DaylightFile {
+            strength: three.clone(),
+            strength_std: three.clone(),
+            median_share: three,
+            held_out_improvement: 0.2,
+        });
+        assert_eq!(words(&model), ("mixed light", json!("mixed")));
+    }
 }

@@ -73,11 +73,15 @@ pub fn export(
     let places = Places::read(&log.scanned.recording, log.window)?;
     let poses = camera_poses(log, camera, &places);
     let sensor = camera.fact("camera_topic").trim_matches('/').split('/').next();
-    let source = camera.fact("source_sha256");
+    let source = camera.source();
     let record = Record {
         camera,
         name: log.scanned.recording.name().trim_end_matches(".mcap").into(),
-        source_sha256: if source.is_empty() { log.scanned.recording.sha256()? } else { source },
+        source: match (source.is_whole(), source.index_sha256.is_empty()) {
+            (true, _) => source.sha256,
+            (false, false) => source.index_sha256,
+            (false, true) => log.scanned.recording.sha256()?.into(),
+        },
         sensor: sensor.unwrap_or_default(),
         facts: &archive.facts,
         handle_prefix: archive.handle_prefix.as_deref(),

@@ -95,10 +95,7 @@ fn overview(log: &CorrectedLog, camera: &CameraLog) -> String {
     let from: Vec<String> =
         model.inputs.iter().map(|i| format!("{} ({} frames)", i.name, i.frames)).collect();
     rows.push(("model from", from.join(", ")));
-    rows.push((
-        "source",
-        format!("{} · SHA-256 {}", camera.fact("source"), camera.fact("source_sha256")),
-    ));
+    rows.push(("source", format!("{} · {}", camera.fact("source"), camera.source())));
     let rows: String = rows
         .iter()
         .map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escape_markup(value)))

@@ -109,9 +109,11 @@ fn mean_frames(raw: &Small, corrected: &Small, no_raw: &str) -> Figure {
         }
         None => Err("no corrected image of this camera can be decoded".to_string()),
     };
-    let spread = |mean: &LinearImage| {
-        let [low, high] = evenness(mean);
-        format!("{:+.0} to {:+.0} %", 100.0 * low, 100.0 * high)
+    let spread = |mean: &LinearImage| match evenness(mean) {
+        [low, high] if low.is_finite() && high.is_finite() => {
+            format!("{:+.0} to {:+.0} %", 100.0 * low, 100.0 * high)
+        }
+        _ => "unknown, as it is black".into(),
     };
     let of_raw = before.as_ref().map_or_else(|| escape_markup(no_raw), spread);
     let caption = format!(
@@ -165,6 +167,11 @@ mod tests {
         // Another size has no part in the mean.
         small.add(2, LinearImage::new(8, 8, 3), &sheet);
         assert!(evenness(&small.mean().expect("a mean")).iter().all(|v| v.abs() < 1e-3));
+        let mut black = Small::default();
+        black.add(0, LinearImage::new(64, 32, 3), &sheet);
+        let [_, figure] = figures(&black, &black, "");
+        let html = figure.html("");
+        assert!(html.contains("raw unknown") && !html.contains("NaN"), "{html}");
         assert_eq!(small.by_record.keys().collect::<Vec<_>>(), [&1]);
         assert_eq!(super::sheet(&(0..100).collect()).len(), FRAMES);
     }

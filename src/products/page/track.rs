@@ -139,8 +139,9 @@ fn figure(
 impl Values<'_> {
     /// Text of a point.
     fn text(&self, frame: &FrameRecord, value: f64) -> String {
+        let value = if value.is_finite() { format!("{value:.3} m") } else { "unknown".to_string() };
         format!(
-            "{}: {value:.3} m, {}{}",
+            "{}: {value}, {}{}",
             self.quantity.name,
             time_of(frame.stamp),
             if frame.corrected { "" } else { " (not corrected)" }
@@ -212,4 +213,31 @@ fn equal_axes(track: &Track) -> (Axis, Axis) {
 fn field_of(x: &Axis, y: &Axis) -> (f64, f64) {
     let scale = (430.0 / (x.to - x.from)).min(330.0 / (y.to - y.from));
     ((x.to - x.from) * scale, (y.to - y.from) * scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::units::Stamp;
+
+    #[test]
+    fn a_frame_without_a_seafloor_has_an_unknown_altitude() {
+        let frame = FrameRecord {
+            log_time: 0,
+            stamp: Stamp(0),
+            corrected: false,
+            reason: "no ping".into(),
+            altitude_m: f64::NAN,
+            seafloor: None,
+        };
+        let frames = [&frame];
+        for quantity in &QUANTITIES {
+            let values = Values { quantity, frames: &frames, values: vec![f64::NAN] };
+            let text = values.text(&frame, (quantity.of)(&frame));
+            assert_eq!(
+                text,
+                format!("{}: unknown, 1970-01-01T00:00:00.000Z (not corrected)", quantity.name)
+            );
+        }
+    }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::recording::identity::FileIdentity;
 
 /// The files of one log, in the order of recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -47,7 +48,10 @@ impl From<&Self> for LogFiles {
 impl LogFiles {
     /// Groups paths by log. Files `NAME_0.mcap`, `NAME_1.mcap`, … of one folder, or those that its
     /// `metadata.yaml` lists, are the parts of one; any other path is a log of its own.
-    pub fn group(paths: &[PathBuf]) -> Vec<Self> {
+    ///
+    /// # Errors
+    /// A file is given twice, under whatever name.
+    pub fn group(paths: &[PathBuf]) -> Result<Vec<Self>> {
         let mut groups: BTreeMap<(PathBuf, String), Vec<(u64, &PathBuf)>> = BTreeMap::new();
         for path in paths.iter().filter(|path| !path.is_dir()) {
             if let Some((stem, number)) = numbered(&name_of(path)) {
@@ -72,7 +76,7 @@ impl LogFiles {
             let is_known = group.is_some() && logs.contains(&log);
             logs.extend((!is_known).then_some(log));
         }
-        logs
+        ensure_distinct(&logs).map(|()| logs)
     }
 
     /// The files themselves.
@@ -98,6 +102,25 @@ impl LogFiles {
     pub fn beside(&self, suffix: &str) -> PathBuf {
         self.path.with_file_name(format!("{}.{suffix}", self.stem))
     }
+}
+
+/// Refuses a file that belongs to two logs, or twice to one.
+fn ensure_distinct(logs: &[LogFiles]) -> Result<()> {
+    let mut known: BTreeMap<FileIdentity, PathBuf> = BTreeMap::new();
+    // What cannot be read is an error of its own log.
+    for file in logs.iter().flat_map(|log| log.files().unwrap_or_default()) {
+        let Some(identity) = FileIdentity::of(&file) else { continue };
+        if let Some(before) = known.insert(identity, file.clone()) {
+            let (before, file) = (before.display(), file.display());
+            let twice = if before.to_string() == file.to_string() {
+                format!("{file} is given twice")
+            } else {
+                format!("{before} and {file} are the same file")
+            };
+            return Err(Error::Usage(format!("{twice}; give each log once")));
+        }
+    }
+    Ok(())
 }
 
 /// File name; also of `.` and of a folder with a slash at its end.
@@ -219,7 +242,7 @@ mod tests {
         let paths =
             ["a/x_1.mcap", "b/x_0.mcap", "a/x_0.mcap", "a/y_1.mcap", "a/y_2.mcap", "z.mcap"]
                 .map(PathBuf::from);
-        let logs = LogFiles::group(&paths);
+        let logs = LogFiles::group(&paths).expect("distinct files");
         let found: Vec<(&str, usize)> =
             logs.iter().map(|log| (log.stem.as_str(), log.parts.len())).collect();
         assert_eq!(found, [("x", 2), ("x_0", 1), ("y_1", 1), ("y_2", 1), ("z", 1)]);

@@ -1,10 +1,50 @@
-//! SHA-256 of a log, of blocks that are read anyway.
+//! SHA-256 of a log, of blocks that are read anyway; and of its index, where not all are read.
 
+use serde::{Deserialize, Serialize};
 use sha2::Digest as _;
 
 use super::block::{Block, Contents};
 use super::recording::Recording;
 use crate::error::Result;
+
+/// What identifies a log, wherever its files lie.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LogIdentity {
+    /// SHA-256 of its files, one after another; empty where only a window was read
+    pub sha256: String,
+    /// SHA-256 of the places and beginnings of its records; empty in files of earlier versions
+    pub index_sha256: String,
+}
+
+impl LogIdentity {
+    /// Whether all bytes were read.
+    pub fn is_whole(&self) -> bool {
+        !self.sha256.is_empty()
+    }
+
+    /// Whether both are of one log, by all bytes where both were read as a whole.
+    pub fn is_same(&self, other: &Self) -> bool {
+        if self.is_whole() && other.is_whole() {
+            return self.sha256 == other.sha256;
+        }
+        !self.index_sha256.is_empty() && self.index_sha256 == other.index_sha256
+    }
+}
+
+impl std::fmt::Display for LogIdentity {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.is_whole() {
+            write!(f, "SHA-256 {}", self.sha256)
+        } else {
+            write!(f, "SHA-256 of its index {}", self.index_sha256)
+        }
+    }
+}
+
+/// A fingerprint in hexadecimal.
+pub fn hexadecimal(hash: &[u8]) -> String {
+    hash.iter().map(|b| format!("{b:02x}")).collect()
+}
 
 /// SHA-256 of the files of a log, one after another, as far as they have been added.
 pub struct Fingerprint<'r> {

@@ -5,6 +5,7 @@ use std::io;
 use std::ops::Range;
 
 use mcap::records::{Metadata, Record, op};
+use sha2::Digest as _;
 
 use super::super::source::Source;
 use super::block::Block;
@@ -19,6 +20,9 @@ const READ_SIZE: u64 = 4096;
 const MAX_CHUNK_HEADER: u64 = 1024;
 /// Messages outside of chunks are joined to blocks up to this size (byte).
 const MAX_BARE_BLOCK: u64 = 1 << 20;
+/// Beginning of a record's body that enters the fingerprint of the index (byte): a chunk's times,
+/// size and checksum, a message's channel, number and times.
+const FINGERPRINTED: u64 = 64;
 /// Largest schema or metadata record; a longer one is damaged (byte).
 const MAX_RECORD: u64 = 64 << 20;
 
@@ -39,6 +43,8 @@ pub struct Index {
     pub damage: Vec<Damage>,
     /// number of chunks per compression
     pub compressions: BTreeMap<String, usize>,
+    /// of the places and beginnings of all records
+    pub hash: sha2::Sha256,
 }
 
 impl Index {
@@ -88,6 +94,7 @@ struct Indexer<'s> {
 impl Indexer<'_> {
     fn run(&mut self) -> io::Result<()> {
         let length = self.buffer.source.length();
+        self.index.hash.update(length.to_le_bytes());
         let mut at = MAGIC.len() as u64;
         loop {
             let start = at.saturating_add(RECORD_HEADER as u64);
@@ -129,6 +136,10 @@ impl Indexer<'_> {
     }
 
     fn add(&mut self, opcode: u8, body: Range<u64>) -> io::Result<()> {
+        let beginning = self.buffer.peek_body(&body, FINGERPRINTED)?;
+        self.index.hash.update([opcode]);
+        self.index.hash.update(body.start.to_le_bytes());
+        self.index.hash.update(beginning);
         match opcode {
             op::CHUNK => self.add_chunk(body, true)?,
             op::MESSAGE_INDEX => {

@@ -27,7 +27,7 @@ mod types;
 pub use attachment::Attachment;
 pub use block::{Block, Contents, Entry, RawChunk};
 pub use files::LogFiles;
-pub use fingerprint::Fingerprint;
+pub use fingerprint::{Fingerprint, LogIdentity};
 pub use message::{FrameId, Message};
 pub use recording::Recording;
 pub use records::{MAGIC, MessageHeader, RECORD_HEADER};

@@ -12,7 +12,7 @@ use sha2::Digest as _;
 use super::super::source::Source;
 use super::block::{Block, Contents, Entry};
 use super::files::LogFiles;
-use super::fingerprint::Fingerprint;
+use super::fingerprint::{Fingerprint, LogIdentity, hexadecimal};
 use super::index::Index;
 use super::part::Part;
 use super::types::{Channel, Damage, Declarations, Schema, Window};
@@ -27,6 +27,8 @@ pub struct Recording {
     /// whether it has several parts, so that damage names its own
     is_split: bool,
     sha256: OnceLock<String>,
+    /// of the indexes of all files
+    index_hash: sha2::Sha256,
     blocks: Vec<Block>,
     /// messages outside of chunks
     pub(super) bare_messages: u64,
@@ -109,6 +111,7 @@ impl Recording {
         }
         self.attachments.extend(index.attachments.into_iter().map(|body| (number, body)));
         self.metadata.extend(index.metadata);
+        self.index_hash.update(index.hash.finalize());
         self.bare_messages += index.bare_messages;
         self.has_summary &= index.has_summary;
         self.is_complete &= index.is_complete;
@@ -150,7 +153,7 @@ impl Recording {
         self.parts.iter().map(|part| part.source.length()).sum()
     }
 
-    /// Bytes read so far, without those read by [`Self::sha256`].
+    /// Bytes read so far.
     pub fn bytes_read(&self) -> u64 {
         self.parts.iter().map(|part| part.source.bytes_read()).sum()
     }
@@ -172,7 +175,38 @@ impl Recording {
     }
 
     pub(super) fn keep_sha256(&self, hash: &[u8]) -> &str {
-        self.sha256.get_or_init(|| hash.iter().map(|b| format!("{b:02x}")).collect())
+        self.sha256.get_or_init(|| hexadecimal(hash))
+    }
+
+    /// What identifies the log, as far as it was read: the fingerprint of its bytes where all of
+    /// them were.
+    pub fn identity(&self) -> LogIdentity {
+        LogIdentity {
+            sha256: self.sha256.get().cloned().unwrap_or_default(),
+            index_sha256: hexadecimal(&self.index_hash.clone().finalize()),
+        }
+    }
+
+    /// Whether it is the log of an identity. Of one whose bytes were all read, all are compared.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub fn equals(&self, other: &LogIdentity) -> Result<bool> {
+        if other.sha256.is_empty() {
+            return Ok(self.identity().is_same(other));
+        }
+        Ok(self.sha256()? == other.sha256)
+    }
+
+    /// The same, without reading what has not been read where the indexes can be compared.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub fn is(&self, other: &LogIdentity) -> Result<bool> {
+        if other.index_sha256.is_empty() {
+            return self.equals(other);
+        }
+        Ok(self.identity().is_same(other))
     }
 
     /// Begins the fingerprint that [`Self::sha256`] returns, of blocks that are read anyway.

@@ -5,17 +5,14 @@ use std::io;
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::recording::identity::FileIdentity;
 
 /// Refuses an output that is the input (links included), exists already, or is not a regular file.
 ///
 /// # Errors
 /// [`Error::OutputIsInput`], [`Error::OutputExists`], [`Error::Write`].
 pub fn check_output_path(input: &Path, output: &Path, force: bool) -> Result<()> {
-    let is_input = match (fs::canonicalize(input), fs::canonicalize(output)) {
-        (Ok(a), Ok(b)) => a == b || is_same_file(&a, &b),
-        _ => false,
-    };
-    if is_input {
+    if FileIdentity::is_same(input, output) {
         return Err(Error::OutputIsInput { path: output.into() });
     }
     let refused = |kind, reason| {
@@ -33,16 +30,4 @@ pub fn check_output_path(input: &Path, output: &Path, force: bool) -> Result<()>
         return Err(Error::OutputExists { path: output.into() });
     }
     Ok(())
-}
-
-#[cfg(unix)]
-fn is_same_file(a: &Path, b: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    let id = |path| fs::metadata(path).map(|m| (m.dev(), m.ino()));
-    matches!((id(a), id(b)), (Ok(a), Ok(b)) if a == b)
-}
-
-#[cfg(not(unix))]
-fn is_same_file(_: &Path, _: &Path) -> bool {
-    false
 }

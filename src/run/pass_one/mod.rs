@@ -18,6 +18,7 @@ use crate::parallel::Threads;
 use crate::recording::{FrameId, Message};
 use crate::session::{CameraSession, Frame, FrameRef, Progress, Step};
 
+pub use pace::share_of_log;
 use pace::{Pace, altitude_m, chosen_frames};
 
 /// What pass one keeps of one log.
@@ -40,7 +41,7 @@ pub struct PassOne<'p> {
     pub session: &'p CameraSession,
     /// the settings; for a quick pass not those of the session
     pub config: &'p Config,
-    /// limit of the frames
+    /// limit of the frames; 0 for none
     pub max_frames: usize,
     /// where it runs
     pub threads: &'p Threads,
@@ -65,6 +66,10 @@ impl PassOne<'_> {
     /// The log cannot be read. A frame that cannot be used is left out; pass two counts it.
     pub fn collect(&self) -> Result<Collected> {
         let Self { session, config, threads, progress, .. } = *self;
+        if self.max_frames == 0 {
+            let is_all = session.survey.frames.is_empty();
+            return Ok(Collected { is_all, ..Collected::default() });
+        }
         let pace = Pace::of(session, self.max_frames);
         let (chosen, coarsest_m) = self.choose(pace);
         let mut collected = Collected {

@@ -17,6 +17,17 @@ const PROBED_FRAMES: usize = 40;
 /// nothing.
 const RANGE_STEPS: f64 = 10.0;
 
+/// Frames of one of several logs, so that all together have no more than `max_frames`: as many of
+/// each log, or a window of some logs, evenly spread from the first on.
+pub fn share_of_log(max_frames: usize, log: usize, logs: usize) -> usize {
+    let windows = (max_frames / WINDOW_FRAMES).max(1);
+    if logs <= windows {
+        return max_frames / logs.max(1);
+    }
+    let before = |log: usize| (log * windows).div_ceil(logs);
+    if before(log + 1) > before(log) { WINDOW_FRAMES.min(max_frames) } else { 0 }
+}
+
 /// Frames that pass one uses, as indices: all, or windows of neighbours. The log is divided into
 /// as many parts as there are windows; in each part the window is chosen whose altitude varies
 /// most, as that identifies the attenuation. The altitude is NaN where no seafloor is known.
@@ -100,6 +111,19 @@ mod tests {
             "all are used, those apart are matched"
         );
         assert_eq!(Pace::new(f64::NAN, 2.0, 1, 60), Pace { step: 1, spacing: 1 });
+    }
+
+    #[test]
+    fn several_logs_share_the_frames_of_one() {
+        let shares = |max_frames: usize, logs: usize| {
+            (0..logs).map(|log| share_of_log(max_frames, log, logs)).collect::<Vec<_>>()
+        };
+        assert_eq!((shares(400, 1), shares(400, 2)), (vec![400], vec![200, 200]));
+        for (max_frames, logs) in [(400, 33), (400, 34), (400, 1000), (60, 7), (5, 3)] {
+            let shares = shares(max_frames, logs);
+            let total: usize = shares.iter().sum();
+            assert!(total <= max_frames && 2 * total > max_frames && shares[0] > 0, "{shares:?}");
+        }
     }
 
     #[test]

@@ -72,6 +72,7 @@ fn describe(
             data: text.as_bytes(),
         })?;
     }
+    let identity = camera.session.recording.identity();
     let mut facts = vec![
         ("version", report.version.clone()),
         ("camera_topic", report.camera_topic.clone()),
@@ -82,7 +83,8 @@ fn describe(
         ("report_sha256", sha256(report_json.as_bytes())),
         ("rig_sha256", sha256(camera.rig_toml.as_bytes())),
         ("source", report.source.clone()),
-        ("source_sha256", camera.session.recording.sha256()?.into()),
+        ("source_sha256", identity.sha256),
+        ("source_index_sha256", identity.index_sha256),
         ("request_sha256", camera.request.into()),
         ("configuration", config.clone()),
     ];

@@ -70,7 +70,8 @@ fn images(
     let corrected = camera.corrector.correct(&frame, std::mem::take(&mut buffers.samples))?;
     let is_subsampled = frame.pixels.coding.container == Container::Jpeg { subsampled: true };
     let view = View { camera: &corrected.camera, ..frame.view() };
-    let images = encoded_images(camera, &image.header, &corrected, &view, is_subsampled);
+    let images =
+        encoded_images(camera, (frame.at.id, &image.header), &corrected, &view, is_subsampled);
     buffers.samples = corrected.samples;
     buffers.pixels = frame.pixels.into_buffer();
     images.map_err(unencodable)

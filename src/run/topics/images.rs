@@ -13,6 +13,7 @@ use crate::image::reduce::downscale;
 use crate::image::{Container, ImageShape, encode};
 use crate::messages::Header;
 use crate::messages::output::{self, RawImage};
+use crate::recording::FrameId;
 
 pub const CORRECTED: OutputTopic = OutputTopic {
     rank: 0,
@@ -101,19 +102,19 @@ pub fn preview(
     let exposure = if exposure.is_finite() { exposure as f32 } else { 1.0 };
     let srgb = &camera.corrector.srgb;
     let samples: Vec<u8> = small.pixels.iter().map(|v| srgb.encode(v * exposure)).collect();
-    let quality = config.render.jpeg_quality.min(MAX_PREVIEW_QUALITY);
+    let quality = camera.jpeg_quality().min(MAX_PREVIEW_QUALITY);
     let jpeg = encode::jpeg(&samples, small.shape(), quality, true)?;
     Ok(output::compressed_image(camera.wire, header, "jpeg", &jpeg))
 }
 
-/// Encodes a corrected frame. `view` is that of its image; `is_subsampled` tells whether the source
-/// has chroma at half resolution.
+/// Encodes a corrected frame, given its identity. `view` is that of its image; `is_subsampled`
+/// tells whether the source has chroma at half resolution.
 ///
 /// # Errors
 /// The encoder's message.
 pub fn encoded_images(
     camera: &CameraOutput<'_>,
-    header: &Header,
+    (id, header): (FrameId, &Header),
     corrected: &CorrectedFrame,
     view: &View<'_>,
     is_subsampled: bool,
@@ -123,12 +124,10 @@ pub fn encoded_images(
     let CorrectedFrame { samples, shape, depth, mask, facts, .. } = corrected;
     let mask_png = |mask: &Vec<u8>| encode::png(mask, ImageShape { bands: 1, ..*shape }, 8);
     let mask = mask.as_ref().map(mask_png).transpose()?.map(|png| compressed("png", &png));
-    let config = &camera.session.config;
-    let cloud =
-        (config.output.seafloor_points_across > 0).then(|| cloud(camera, header, corrected, view));
+    let cloud = camera.clouds.has(id).then(|| cloud(camera, header, corrected, view));
     let image = match camera.container() {
         Container::Jpeg { .. } => {
-            let quality = config.render.jpeg_quality;
+            let quality = camera.jpeg_quality();
             compressed("jpeg", &encode::jpeg(samples, *shape, quality, is_subsampled)?)
         }
         Container::Png => compressed("png", &encode::png(samples, *shape, *depth)?),

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 
 use super::super::camera_output::CameraOutput;
+use super::super::clouds;
 use super::super::corrector::CorrectedFrame;
 use super::topic::{FrameContext, OutputTopic};
 use crate::coordinates::{Direction, Optical};
@@ -21,7 +22,7 @@ pub const PLANE: OutputTopic = OutputTopic {
 pub const CLOUD: OutputTopic = OutputTopic {
     rank: 5,
     name: |camera| {
-        let is_wanted = camera.session.config.output.seafloor_points_across > 0;
+        let is_wanted = camera.clouds.across > 0;
         is_wanted.then(|| camera.own_topic("seafloor/cloud"))
     },
     message_type: |_| output::POINT_CLOUD,
@@ -101,9 +102,8 @@ pub fn cloud(
     view: &View<'_>,
 ) -> Vec<u8> {
     let (width, height) = (image.shape.width, image.shape.height);
-    let across = camera.session.config.output.seafloor_points_across.min(width).max(1);
+    let (across, down) = clouds::points(camera.clouds.across, (width, height));
     let step = width as f64 / across as f64;
-    let down = (height as f64 / step).round().max(1.0) as usize;
     let optical_from_body = view.rig.body_from_optical.inverse();
     let center = |i: usize| (i as f64 + 0.5) * step - 0.5;
     let points: Vec<ScenePoint> = (0..down * across)

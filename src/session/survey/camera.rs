@@ -29,6 +29,8 @@ pub struct CameraSurvey {
     pub image_pixels: usize,
     pub image_size: (usize, usize),
     pub image_bytes: usize,
+    pub all_image_bytes: u64,
+    pub jpeg_quality: Option<u8>,
     /// full scale of 16-bit images (DN)
     pub white_level: Option<u16>,
     /// median of header time − log time (s)
@@ -78,6 +80,8 @@ impl CameraSurvey {
                 .map_or(calibration.width * calibration.height, |(w, h)| w.saturating_mul(h)),
             image_size: size.unwrap_or((calibration.width, calibration.height)),
             image_bytes: of_camera.iter().map(|c| c.largest_image_bytes).max().unwrap_or(0),
+            all_image_bytes: of_camera.iter().map(|c| c.image_bytes).sum(),
+            jpeg_quality: of_camera.iter().filter_map(|c| c.jpeg_quality).max(),
             white_level: options.config.light.white_level.or_else(own_white_level),
             clock_offset_s: of_camera.iter().find_map(|c| c.clock_offset_s),
             topic,

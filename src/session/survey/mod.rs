@@ -67,6 +67,10 @@ pub struct Survey {
     pub image_size: (usize, usize),
     /// bytes of the largest image message
     pub image_bytes: usize,
+    /// bytes of all image messages
+    pub all_image_bytes: u64,
+    /// quality of its images, where they are JPEGs
+    pub jpeg_quality: Option<u8>,
     /// full scale of 16-bit images (DN)
     pub white_level: Option<u16>,
     /// the range instrument's topic
@@ -203,7 +207,6 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     camera.check(log, &mut diagnostics);
     ranges.check(&mut diagnostics);
     check_offsets(log, options, &mut diagnostics);
-
     let mounts = Mounts::new(log);
     let (body_frame, pose) = mounts.root(&camera.frame_id);
     let mounted = view_check::Mounted::new(&camera, rig_file, pose)?;
@@ -221,13 +224,11 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let attitude = attitude::Search { log, mounts: &mounts, body_frame: &body_frame, clocks };
     let (attitude_topic, attitude) = attitude.run(&options.config.seafloor, &mut diagnostics);
     let rig = Rig { camera: camera.calibration, body_from_optical, body_from_dvl, strobe };
-    diagnostics.extend(unreadable_channels(log));
-    diagnostics.extend(camera.processed_before());
+    diagnostics.extend(unreadable_channels(log).chain(camera.processed_before()));
     let mut pings = SeafloorEstimator::new(pings, attitude);
     let stamps: Vec<Stamp> = camera.frames.iter().map(|f| f.stamp).collect();
-    let trajectory = pings.estimate_trajectory(&stamps, &rig, &options.config.seafloor);
-    diagnostics
-        .extend(trajectory.map(|residual_ratio| RangeFact::NotFlat { residual_ratio }.into()));
+    let uneven = pings.estimate_trajectory(&stamps, &rig, &options.config.seafloor);
+    diagnostics.extend(uneven.map(|residual_ratio| RangeFact::NotFlat { residual_ratio }.into()));
     let (frames, numbers) = in_time_order(camera.frames);
     Ok(Survey {
         camera_topic: camera.topic,
@@ -242,6 +243,8 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         image_pixels: camera.image_pixels,
         image_size: camera.image_size,
         image_bytes: camera.image_bytes,
+        all_image_bytes: camera.all_image_bytes,
+        jpeg_quality: camera.jpeg_quality,
         white_level: camera.white_level,
         dvl_topic: ranges.topic,
         attitude_topic,
