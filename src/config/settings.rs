@@ -181,7 +181,7 @@ macro_rules! settings {
                 option("image-format", "FORMAT", "Format of corrected images");
             jpeg_quality: JpegQuality = JpegQuality::Auto, "auto | 1 to 100",
                 "auto: the source's own where that is JPEG, at most 95, which leaves no visible \
-                 artefacts, and lower where corrected images would take more than 1.08 times its \
+                 artefacts, and lower where corrected images would take more than 1.05 times its \
                  bytes; else 95",
                 must("be auto or lie in 1 to 100", |quality| quality.is_valid()),
                 option("jpeg-quality", "Q",
