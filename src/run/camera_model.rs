@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::image::Bands;
 use crate::model::{InputFile, ModelFile, RangeFactor};
 use crate::recording::LogIdentity;
-use crate::session::{CameraSession, Frame, FrameGains, FrameRef, Tilts};
+use crate::session::{CameraSession, FrameGains, FrameRef, Tilts};
 
 use super::model_of::strobe_of;
 use super::output_names::method_name;

@@ -11,7 +11,7 @@ use crate::correct::MeanFrames;
 use crate::error::{Error, Result};
 use crate::estimate::{EmpiricalFit, FrameSamples, samples_for_model};
 use crate::image::Bands;
-use crate::model::{EmpiricalModel, ModelFile};
+use crate::model::{EmpiricalModel, ModelFile, RangeFactor};
 use crate::parallel::Threads;
 use crate::session::{CameraSession, Options, Progress};
 use crate::vehicle::Rig;
@@ -77,8 +77,8 @@ pub fn exposed(
 #[derive(Default)]
 struct Samples {
     frames: Vec<FrameSamples>,
-    /// per frame: log factor of its slant ranges, in the empirical model
-    log_ranges: Vec<f64>,
+    /// per frame: of its slant ranges, in the empirical model
+    ranges: Vec<RangeFactor>,
 }
 
 impl Samples {
@@ -86,11 +86,12 @@ impl Samples {
     fn add(&mut self, frames: Vec<FrameSamples>, session: &CameraSession, model: &CameraModel) {
         let survey = &session.survey;
         let of_frame = |f: &FrameSamples| {
-            let Some(frame) = survey.frames.get(f.frame) else { return ([0.0; 3], 0.0) };
+            let Some(frame) = survey.frames.get(f.frame) else { return Default::default() };
             let gain = model.frame_gain(session, frame, || f.mean_reading);
-            (gain.map(f64::ln), model.range_factor(frame).ln())
+            (gain.map(f64::ln), model.range_factor(frame))
         };
-        let (log_gains, log_ranges): (Vec<Bands>, Vec<f64>) = frames.iter().map(of_frame).unzip();
+        let (log_gains, ranges): (Vec<Bands>, Vec<RangeFactor>) =
+            frames.iter().map(of_frame).unzip();
         let Rig { body_from_optical, strobe, .. } = &survey.rig;
         let imaging = &model.prepared.model;
         let is_removed = removes_backscatter(imaging, session.config.render.method);
@@ -103,14 +104,14 @@ impl Samples {
             strobe.lamps,
             scatter,
         ));
-        self.log_ranges.extend(log_ranges);
+        self.ranges.extend(ranges);
     }
 
     /// The empirical model of these frames, whose gains are removed.
     fn fitted(&self, model: &EmpiricalModel) -> EmpiricalFit {
         EmpiricalFit {
             model: model.clone(),
-            log_ranges: self.log_ranges.clone(),
+            ranges: self.ranges.clone(),
             log_gains: vec![0.0; self.frames.len()],
             residual: 0.0,
             observations: 0,
