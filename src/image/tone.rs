@@ -3,7 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::transfer::Transfer;
+/// Linear light of the 8-bit sRGB value 254.5.
+const NEARLY_WHITE: f64 = 0.995_545_250;
 
 /// Light shown as a function of corrected light, both as shares of white.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,14 +94,14 @@ impl Tone {
     pub fn white(self) -> f64 {
         match self {
             Self::Shoulder { knee } if knee >= 1.0 => 1.0,
-            _ => self.light(Transfer::Srgb.to_linear(254.5 / 255.0)),
+            _ => self.light(NEARLY_WHITE),
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::transfer::SrgbTable;
+    use super::super::transfer::{SrgbTable, Transfer};
     use super::*;
 
     /// Highlights stay distinct, values below the knee are unchanged, and compression is
@@ -126,6 +127,7 @@ mod tests {
                 "{light} became {back}"
             );
         }
+        assert!((NEARLY_WHITE - Transfer::Srgb.to_linear(254.5 / 255.0)).abs() < 1e-8);
         assert!(
             (shoulder.white() - 1.76).abs() < 0.01
                 && curve.encode(1.70) < 255

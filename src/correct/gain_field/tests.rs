@@ -73,13 +73,9 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
     let model = model();
     let config = RenderConfig::default();
     let rendering = RenderingFile {
-        method: Default::default(),
         gain: vec![1.0; 3],
         median_correction: vec![1.0; 3],
-        median_reflectance: Vec::new(),
-        shoulder_from: None,
-        contrast_curve: None,
-        white_level: None,
+        ..RenderingFile::default()
     };
     let correction = Correction {
         model: &model,

@@ -21,8 +21,8 @@ const MIN_SPREAD: f64 = 0.05;
 /// Damping of a step, and its largest size.
 const DAMPING: f64 = 0.8;
 const MAX_STEP: f64 = 0.5;
-/// Spread of the log factor of a frame's slant ranges, and of its tilt by x and y of the image plane
-/// (a few degrees in an oblique view); independent regions of a frame.
+/// Spread of the log factor of a frame's slant ranges, and of its tilt by x and y of the image
+/// plane (a few degrees in an oblique view); independent regions of a frame.
 const RANGE_SPREAD: [f64; 3] = [0.2, 0.2, 0.2];
 const INDEPENDENT_REGIONS: f64 = 60.0;
 /// A plane explains the light of a frame if it leaves at most this many times what is left of other
