@@ -96,12 +96,8 @@ fn the_interpolated_field_agrees_with_the_exact_model() {
         let mut image = LinearImage::new(width, height, 3);
         // A frame that got more light than its neighbours comes out as they do.
         let frame_gain = 1.25;
-        let light = FrameLight {
-            noise: &noise,
-            gain: frame_gain,
-            range_factor: RangeFactor::default(),
-            map: None,
-        };
+        let range_factor = RangeFactor::default();
+        let light = FrameLight { noise: &noise, gain: frame_gain, range_factor, map: None };
         image.pixels.fill(frame_gain as f32);
         let field = GainField::new(&correction, &view, (width, height), 3, light);
         let bits = field.marked(vec![0; width * height]);
