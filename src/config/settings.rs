@@ -148,8 +148,9 @@ macro_rules! settings {
                 "one exposure per log: this share of the seafloor stays below highlight_level";
             highlight_level: f64 = 0.75, "share of white",
                 "leaves headroom for single bright pixels";
-            median_level: f64 = 0.3, "share of white",
-                "the median seafloor is no brighter: an even one would be near white",
+            median_level: f64 = 0.45, "share of white",
+                "the median seafloor is no brighter: most have about 0.4, an even one would be \
+                 near white",
                 must("lie in 0.01 to 1", |share| (0.01..=1.0).contains(share));
             look: Look = Look::Measured, "measured | natural",
                 "natural: a tone curve for people, in 8 bits only",
@@ -186,7 +187,7 @@ macro_rules! settings {
                 must("be auto or lie in 1 to 100", |quality| quality.is_valid()),
                 option("jpeg-quality", "Q",
                     "JPEG quality of corrected images, 1 to 100; auto: that of the source, at \
-                     most 95, lower where they would take more room");
+                     most 95, lower where they would be larger");
             depth: u8 = 8, "8 | 16", "8 is sRGB-coded, 16 is linear",
                 must("be 8 or 16", |bits| matches!(bits, 8 | 16)),
                 option("depth", "BITS",

@@ -26,8 +26,7 @@ use crate::parallel::par_map;
 use crate::solver::{Observation, Problem, Track, sample_path, thinned};
 use crate::stats;
 
-/// Most observations that residual light is fitted to, to judge it and to use it.
-const MOST_JUDGED: usize = 9_000;
+/// Most observations that residual light is fitted to. A quarter of them is too few to judge it.
 const MOST_FITTED: usize = 40_000;
 /// Most frames that an empirical model is fitted to.
 const MAX_FITTED: usize = 150;
@@ -160,7 +159,8 @@ impl Case<'_> {
         let (full, left) = refitted.unwrap_or_else(|| self.physical(&self.by_model()));
         let mut figures =
             vec![of_points(RAW, Some(raw)), of_points(FULL, full), of_points(RESIDUAL, left)];
-        let is_needed = !self.is_identified || full.is_none_or(|f| f > raw);
+        let is_forced = self.config.estimator == Estimator::Empirical;
+        let is_needed = is_forced || !self.is_identified || full.is_none_or(|f| f > raw);
         if let Some(regions) = self.regions.filter(|_| is_needed) {
             let kept = frames_of(regions, MAX_JUDGED, |f| !is_held(f as u32));
             let held = frames_of(regions, usize::MAX, |f| is_held(f as u32));
@@ -169,8 +169,10 @@ impl Case<'_> {
                 let agrees = fitted.flatten().and_then(|fitted| {
                     let value = |o: &Observation| {
                         let (x, y, range_m) = data.ray(&o.sample);
-                        let light = color(o).map(|v| v - fitted.log_gains[o.frame as usize]);
-                        let factor = fitted.ranges[o.frame as usize].at(x, y);
+                        let frame = o.frame as usize;
+                        let (light, gain) = (color(o), fitted.log_gains[frame]);
+                        let light = std::array::from_fn(|b| light[b] - gain[b]);
+                        let factor = fitted.ranges[frame].at(x, y);
                         let (direct, scattered) = fitted.model.light(x, y, range_m * factor);
                         Some(corrected(light, direct, scattered))
                     };
@@ -206,7 +208,7 @@ impl Case<'_> {
     fn physical(&self, log_ratio: &LogRatio<'_>) -> (Option<f64>, Option<f64>) {
         let (data, bands) = (self.data, self.data.bands());
         let full = agreement(data.tracks, bands, log_ratio);
-        let fitted = self.residual_of(log_ratio, (|f| !is_held(f), MOST_JUDGED));
+        let fitted = self.residual_of(log_ratio, |f| !is_held(f));
         let left = fitted.and_then(|ResidualFit { light, .. }| {
             let value = |o: &Observation| {
                 let (x, y, range_m) = data.ray(&o.sample);
@@ -222,7 +224,7 @@ impl Case<'_> {
     fn residual_of(
         &self,
         log_ratio: &LogRatio<'_>,
-        (wanted, most): (impl Fn(u32) -> bool + Sync, usize),
+        wanted: impl Fn(u32) -> bool + Sync,
     ) -> Option<ResidualFit> {
         let data = self.data;
         if self.config.residual_light == Switch::Off {
@@ -234,13 +236,13 @@ impl Case<'_> {
             Some(View { place: (x, y), range_m, log_ratio })
         };
         let of_track = |t: &Track| t.iter().filter(|o| wanted(o.frame)).filter_map(view).collect();
-        let points = par_map(thinned(data.tracks, most).iter().collect(), of_track);
+        let points = par_map(thinned(data.tracks, MOST_FITTED).iter().collect(), of_track);
         residual_fit::fit(&points, data.frames.len(), data.bands())
     }
 
     /// What the model leaves of the light.
     fn residual(&self) -> Option<&ResidualFit> {
-        let fitted = || self.residual_of(&self.by_model(), (|_| true, MOST_FITTED));
+        let fitted = || self.residual_of(&self.by_model(), |_| true);
         self.residual.get_or_init(fitted).as_ref()
     }
 

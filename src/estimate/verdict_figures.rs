@@ -146,7 +146,8 @@ pub fn held_out(regions: &Regions, form: EmpiricalForm) -> VerdictFigures {
                 let (x, y) = regions.grid.centre(s.region);
                 let range_m = s.range_m * fitted.ranges[f].at(x, y);
                 let (direct, scattered) = fitted.model.light(x, y, range_m);
-                let light = s.log_light.map(|v| v - fitted.log_gains[f]);
+                let gain = fitted.log_gains[f];
+                let light = std::array::from_fn(|b| s.log_light[b] - gain[b]);
                 colors.push(as_shown(light, direct, scattered, regions));
             }
         }

@@ -112,7 +112,7 @@ impl Samples {
         EmpiricalFit {
             model: model.clone(),
             ranges: self.ranges.clone(),
-            log_gains: vec![0.0; self.frames.len()],
+            log_gains: vec![[0.0; 3]; self.frames.len()],
             residual: 0.0,
             observations: 0,
         }

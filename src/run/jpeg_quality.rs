@@ -1,6 +1,6 @@
 //! Quality of corrected images where the source is JPEG: that of the source, or so much lower that
-//! the corrected images take little more room. Light that is raised brings up the noise of the
-//! source, whose bytes show no more of the seafloor.
+//! the corrected images are hardly larger. Light that is raised brings up the noise of the source,
+//! whose bytes show no more of the seafloor.
 
 use std::collections::BTreeSet;
 
@@ -17,7 +17,7 @@ use crate::session::CameraSession;
 /// Frames that are encoded to see how large they are.
 const PROBED: usize = 4;
 /// Bytes of the corrected images over those of their sources, at most.
-const MAX_GROWTH: f64 = 1.05;
+pub const MAX_GROWTH: f64 = 1.05;
 /// Qualities below that of the source that are probed; sizes are linear between them.
 const BELOW: [u8; 3] = [0, 10, 20];
 

@@ -95,7 +95,7 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
 /// Log of gain and of range factor per frame.
 fn log_factors(found: &ModelEstimate) -> Vec<(Bands, RangeFactor)> {
     let of_frame = |(f, gain): (usize, &Bands)| match &found.judgement.empirical {
-        Some(fit) => (gain.map(|g| g + fit.log_gains[f]), fit.ranges[f]),
+        Some(fit) => (std::array::from_fn(|b| gain[b] + fit.log_gains[f][b]), fit.ranges[f]),
         None => (*gain, RangeFactor::default()),
     };
     found.log_gains.iter().enumerate().map(of_frame).collect()
@@ -297,12 +297,12 @@ fn empirical_exposure(
 ) -> RenderingFile {
     let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
     let of_frame = |(f, frame): (usize, &FrameSamples)| {
-        let (gain, factor) = (fit.log_gains[f] as f32, fit.ranges[f]);
+        let (gain, factor) = (fit.log_gains[f], fit.ranges[f]);
         let of_sample = |(_, sample): &(u32, Sample)| {
             let (x, y, range_m) = camera.ray(sample);
             let (log_direct, scattered) = fit.model.light(x, y, range_m * factor.at(x, y));
             let direct = |b: usize| {
-                let light = (sample.log_color[b] - gain - log_direct[b] as f32).exp();
+                let light = (sample.log_color[b] - gain[b] as f32 - log_direct[b] as f32).exp();
                 let scattered = (scattered[b] / log_direct[b].exp()) as f32;
                 without_backscatter(light, scattered, 1.0).max(1e-9).ln() + log_direct[b] as f32
             };

@@ -1,7 +1,8 @@
-//! Forecast of the output's size: what is copied, corrected images, clouds, and what is told of
-//! every frame.
+//! Forecast of the output's size: what is copied, corrected images, clouds, and parameters of every
+//! frame.
 
 use super::clouds::Clouds;
+use super::jpeg_quality::MAX_GROWTH;
 use super::output_names::output_container;
 use crate::image::Container;
 use crate::session::CameraSession;
@@ -10,9 +11,7 @@ use crate::session::CameraSession;
 const PARAMETERS_PER_FRAME: u64 = 2500;
 /// Schemas, model, report and settings (byte).
 const ATTACHMENTS: u64 = 110_000;
-/// Corrected images over their source, as JPEG of the source's quality …
-const JPEG_OF_JPEG: f64 = 1.05;
-/// … and as JPEG, as PNG and as pixels, per value of a pixel (byte).
+/// Corrected images of other sources as JPEG and as PNG, per value of a pixel (byte).
 const JPEG_PER_VALUE: f64 = 0.25;
 const PNG_PER_VALUE: f64 = 0.8;
 /// A preview of a raw image for viewers, per pixel (byte).
@@ -26,7 +25,7 @@ pub fn forecast(session: &CameraSession) -> u64 {
     let deep = f64::from(config.render.depth) / 8.0;
     let values = 3.0 * survey.image_pixels as f64 * frames as f64;
     let corrected = match output_container(survey.container, config) {
-        Container::Jpeg { .. } if survey.jpeg_quality.is_some() => JPEG_OF_JPEG * images,
+        Container::Jpeg { .. } if survey.jpeg_quality.is_some() => MAX_GROWTH * images,
         Container::Jpeg { .. } => JPEG_PER_VALUE * values,
         Container::Png => PNG_PER_VALUE * deep * values,
         Container::Raw => deep * values,

@@ -2,6 +2,8 @@
 //! on log light, held to the mean of the neighbouring regions, so that they are smooth over the
 //! image; and per frame a factor of all slant ranges, its tilt, and a gain where a lamp failed.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::regions::{RegionSample, Regions, rounded};
@@ -43,8 +45,8 @@ pub struct EmpiricalFit {
     pub model: EmpiricalModel,
     /// per frame: of its slant ranges
     pub ranges: Vec<RangeFactor>,
-    /// per frame: log of its light over the others', 0 but where a lamp failed
-    pub log_gains: Vec<f64>,
+    /// per frame and band: log of its light over the others', 0 but where a lamp failed
+    pub log_gains: Vec<Bands>,
     /// robust spread of the residuals (log light), largest of the bands
     pub residual: f64,
     /// light regions that were fitted
@@ -66,7 +68,7 @@ struct Fit<'r> {
     /// per band and region: log of a dark quantile of its light, the most that log B may be
     darkest: Vec<Vec<f64>>,
     ranges: Vec<RangeFactor>,
-    log_gains: Vec<f64>,
+    log_gains: Vec<Bands>,
     spreads: Bands,
 }
 
@@ -143,7 +145,7 @@ impl<'r> Fit<'r> {
             darkest.push(low);
         }
         let ranges = vec![RangeFactor::default(); regions.frames.len()];
-        let log_gains = vec![0.0; regions.frames.len()];
+        let log_gains = vec![[0.0; 3]; regions.frames.len()];
         let spreads = [0.2; 3];
         Some(Self {
             regions,
@@ -169,7 +171,7 @@ impl<'r> Fit<'r> {
         let beyond_m = self.beyond_m(frame, s);
         let (direct, scattered) = light(&self.parameters[b][s.region], beyond_m);
         let total = direct + scattered;
-        let residual = s.log_light[b] - self.log_gains[frame] - total.ln();
+        let residual = s.log_light[b] - self.log_gains[frame][b] - total.ln();
         let share = direct / total;
         let row = Vector3::new(share, -share * beyond_m, scattered / total);
         let relative_noise = self.regions.noise / s.log_light[b].exp() / self.spreads[b];
@@ -285,12 +287,15 @@ impl<'r> Fit<'r> {
         stats::robust_std(&residuals)
     }
 
-    /// Frames whose light no plane explains get a gain instead.
+    /// Frames whose light no plane explains get a gain instead, of each band: what light there is
+    /// comes by another way through the water.
     fn give_up_unexplained(&mut self, typical: f64, is_used: &dyn Fn(usize) -> bool) {
         for frame in self.frames {
             if self.left_of(*frame) > UNEXPLAINED * typical {
                 self.ranges[*frame] = RangeFactor::default();
-                self.log_gains[*frame] = self.lit_gain(*frame, is_used);
+                for b in 0..self.regions.bands {
+                    self.log_gains[*frame][b] = self.lit_gain(*frame, b..b + 1, is_used);
+                }
             }
         }
     }
@@ -311,11 +316,10 @@ impl<'r> Fit<'r> {
         }
     }
 
-    /// Log gain of a frame by its regions.
-    fn lit_gain(&self, frame: usize, is_used: &dyn Fn(usize) -> bool) -> f64 {
-        let of_sample = |s| {
-            (0..self.regions.bands).map(move |b| self.row(frame, s, b).0 + self.log_gains[frame])
-        };
+    /// Log gain of a frame in some bands by its regions.
+    fn lit_gain(&self, frame: usize, bands: Range<usize>, is_used: &dyn Fn(usize) -> bool) -> f64 {
+        let gains = &self.log_gains[frame];
+        let of_sample = |s| bands.clone().map(move |b| self.row(frame, s, b).0 + gains[b]);
         let samples = self.regions.frames[frame].iter().filter(|s| is_used(s.region));
         let residuals: Vec<f64> = samples.flat_map(of_sample).collect();
         // Where one of several lamps fails, the part that is lit should be right.
@@ -325,12 +329,13 @@ impl<'r> Fit<'r> {
 
     /// Gains of the frames that stand out.
     fn find_gains(&mut self) {
-        let gains: Vec<f64> = self.frames.iter().map(|f| self.lit_gain(*f, &|_| true)).collect();
+        let gain = |f: &usize| self.lit_gain(*f, 0..self.regions.bands, &|_| true);
+        let gains: Vec<f64> = self.frames.iter().map(gain).collect();
         let middle = stats::median(&gains);
         let off: Vec<f64> = gains.iter().map(|g| g - middle).collect();
         let limit = STANDS_OUT.max(SPREADS * stats::robust_std(&off));
         for (frame, gain) in self.frames.iter().zip(off) {
-            self.log_gains[*frame] = if gain.abs() > limit { gain } else { 0.0 };
+            self.log_gains[*frame] = [if gain.abs() > limit { gain } else { 0.0 }; 3];
         }
     }
 
