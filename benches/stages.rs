@@ -113,6 +113,7 @@ impl Scene {
                     )),
                     source: None,
                 },
+                camera_motion: None,
             },
             plane: SeafloorPlane {
                 normal: Direction::from_vector(nalgebra::Vector3::new(0.02, 0.05, 1.0)).unwrap(),

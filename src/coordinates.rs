@@ -25,7 +25,8 @@ use std::ops::Mul;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-/// The vehicle: the space in which extrinsics are given (ROS `base_link`; z up or z down).
+/// The vehicle: the space in which extrinsics are given (ROS `base_link`; z up or z down). Where
+/// the camera moves in the vehicle it is fixed to the camera, see [`crate::vehicle::CameraMotion`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body;
 /// The camera: x right, y down, z along the optical axis.

@@ -123,8 +123,8 @@ impl std::fmt::Display for MountGap {
             Self::Moving { parent, child, rotation_deg } => write!(
                 f,
                 "the joint from {parent:?} to {child:?} moves by up to {rotation_deg:.1}°, and \
-                 moving joints are not followed; select a part of the log in which it stands \
-                 still with -S and -E"
+                 only joints between vehicle and camera are followed; select a part of the log in \
+                 which it stands still with -S and -E"
             ),
             Self::NotInTree { frame } => {
                 write!(f, "the frame {frame:?} is not in the log's TF tree")

@@ -22,6 +22,15 @@ facts! {
                   {other:?}; the one below {used:?} is used"),
             remedy("write the right one under [camera.mount], [dvl.mount] or [strobe.mount] in a \
                     rig file");
+        Info "joint-followed" JointFollowed { parent: String, child: String, rotation_deg: f64 },
+            text("the camera sits on a joint that moves, from {parent:?} to {child:?}, by up to \
+                  {rotation_deg:.1}°; it is followed frame by frame, and lamps are taken to turn \
+                  with the camera");
+        Warning "joint-contradicted" JointContradicted { agreement: [f64; 2] },
+            text("by the images the camera does not move as the joint does that it sits on \
+                  (agreement of the same point {:.2} with the joint held still, {:.2} as it is \
+                  followed)", agreement[0], agreement[1]),
+            remedy("check the joint on /tf; [camera.mount] in a rig file holds the camera");
         Info "attitude-missing" NoAttitude,
             text("the log has no attitude: echoes are not rotated between ping and frame, and with \
                   fewer than three returns the seafloor is assumed perpendicular to the \

@@ -52,7 +52,7 @@ const NO_HARM: f64 = 1.5;
 
 /// Names of raw light, of full correction, and of the latter with what it leaves of the light.
 const RAW: &str = "raw";
-const FULL: &str = "full";
+const FULL: &str = Verdict::FULL;
 const RESIDUAL: &str = "residual";
 
 /// The comparison, and the empirical model where it is better than the physical one.

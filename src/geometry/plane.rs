@@ -1,6 +1,6 @@
 //! The seafloor plane of a frame.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::coordinates::{Body, Direction, Optical, Transform};
 use crate::vehicle::Rig;
@@ -67,6 +67,18 @@ impl SeafloorPlane {
         let given = (self.normal.vector(), self.distance_m);
         let (normal, distance_m) = turned(given, rotation, &instrument);
         Direction::from_vector(normal).map_or(*self, |normal| Self { normal, distance_m, ..*self })
+    }
+
+    /// The plane in other coordinates, given the pose of those in the plane's own.
+    #[must_use]
+    pub fn seen_from(&self, pose: &Isometry3<f64>) -> Self {
+        let normal = self.normal.vector();
+        let distance_m = self.distance_m - normal.dot(&pose.translation.vector);
+        Direction::from_vector(pose.rotation.inverse() * normal).map_or(*self, |normal| Self {
+            normal,
+            distance_m,
+            ..*self
+        })
     }
 
     /// Distance of the camera from the plane, along the normal (m).

@@ -10,7 +10,7 @@
 //! the plane; returns are therefore rotated by the attitude where the log has one. In: pings,
 //! attitude, extrinsics. Out: n·x = d in body space (m).
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::ping_store::PingStore;
 use super::plane::{NoSeafloor, SeafloorPlane, Support};
@@ -76,7 +76,7 @@ impl SeafloorEstimator {
         }
         let some = stamps.iter().step_by(stamps.len().div_ceil(TERRAIN_FRAMES).max(1));
         let ratio = prediction_ratio(some.filter_map(|stamp| {
-            let plane = self.seafloor(*stamp, rig, config).ok()?;
+            let plane = self.below_vehicle(*stamp, rig, config).ok()?;
             let axes = PlaneAxes::new(&plane, rig);
             Some((self.terrain_samples(*stamp, &axes, rig), plane.camera_altitude_m(rig)))
         }));
@@ -93,9 +93,18 @@ impl SeafloorEstimator {
         at: Point<Body>,
         rig: &Rig,
     ) -> Option<(u32, Vector3<f64>)> {
+        let (segment, pose) = self.world_from_body(stamp, rig)?;
+        Some((segment, (pose * nalgebra::Point3::from(at.vector())).coords))
+    }
+
+    /// Pose of the body in the world, and the segment of the trajectory.
+    pub fn world_from_body(&self, stamp: Stamp, rig: &Rig) -> Option<(u32, Isometry3<f64>)> {
         let (segment, dvl) = self.trajectory.at(&self.pings, stamp)?;
-        let from_dvl = at.vector() - rig.body_from_dvl.origin().vector();
-        Some((segment, dvl + self.attitude.world_from_body(stamp)? * from_dvl))
+        let rotation = self.attitude.world_from_body(stamp)?;
+        let at = dvl - rotation * rig.body_from_dvl.origin().vector();
+        let world_from_vehicle = Isometry3::from_parts(at.into(), rotation);
+        let vehicle_from_body = rig.vehicle_from_body(stamp).unwrap_or_else(Isometry3::identity);
+        Some((segment, world_from_vehicle * vehicle_from_body))
     }
 
     /// Terrain over a frame's plane, where it is used and there are enough returns.
@@ -103,8 +112,14 @@ impl SeafloorEstimator {
         if !self.uses_terrain {
             return None;
         }
-        let axes = PlaneAxes::new(plane, rig);
-        Terrain::new(self.terrain_samples(stamp, &axes, rig), axes)
+        let vehicle_from_body = rig.vehicle_from_body(stamp);
+        let in_vehicle = vehicle_from_body.map_or(*plane, |pose| plane.seen_from(&pose.inverse()));
+        let axes = PlaneAxes::new(&in_vehicle, rig);
+        let terrain = Terrain::new(self.terrain_samples(stamp, &axes, rig), axes)?;
+        Some(match vehicle_from_body {
+            Some(pose) => terrain.seen_from(&pose),
+            None => terrain,
+        })
     }
 
     /// All returns around a frame, over its plane.
@@ -149,11 +164,25 @@ impl SeafloorEstimator {
         samples
     }
 
-    /// The plane below the vehicle at `stamp`.
+    /// The plane below the vehicle at `stamp`, in the body.
     ///
     /// # Errors
     /// Too few pings or returns, or an implausible plane.
     pub fn seafloor(
+        &self,
+        stamp: Stamp,
+        rig: &Rig,
+        config: &SeafloorConfig,
+    ) -> Result<SeafloorPlane, NoSeafloor> {
+        let plane = self.below_vehicle(stamp, rig, config)?;
+        Ok(rig.vehicle_from_body(stamp).map_or(plane, |pose| plane.seen_from(&pose)))
+    }
+
+    /// As [`Self::seafloor`], in the vehicle, also where the camera moves in it.
+    ///
+    /// # Errors
+    /// As [`Self::seafloor`].
+    pub fn below_vehicle(
         &self,
         stamp: Stamp,
         rig: &Rig,

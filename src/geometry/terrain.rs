@@ -11,7 +11,7 @@
 //!
 //! In: returns over a plane. Out: heights (m) on a grid in the plane.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 
 use super::plane::SeafloorPlane;
 use crate::coordinates::{Body, Point};
@@ -154,6 +154,21 @@ impl Terrain {
         Some(Self { axes, nodes, half_side_m })
     }
 
+    /// The terrain in other coordinates, given the pose of those in the terrain's own.
+    #[must_use]
+    pub fn seen_from(self, pose: &Isometry3<f64>) -> Self {
+        let PlaneAxes { plane, origin, u, v, altitude_m } = self.axes;
+        let turn = pose.rotation.inverse();
+        let axes = PlaneAxes {
+            plane: plane.seen_from(pose),
+            origin: turn * (origin - pose.translation.vector),
+            u: turn * u,
+            v: turn * v,
+            altitude_m,
+        };
+        Self { axes, ..self }
+    }
+
     /// Height (m) and slopes at a point projected onto the plane; 0 beyond the grid.
     fn at(&self, at: &Vector3<f64>) -> [f64; 3] {
         let (u, v) = self.axes.coordinates(at);
@@ -257,6 +272,7 @@ mod tests {
             body_from_optical: Transform::identity(),
             body_from_dvl: Transform::identity(),
             strobe: StrobeMount { lamps: Lamps::one(Transform::identity()), source: None },
+            camera_motion: None,
         };
         PlaneAxes::new(&plane, &rig)
     }

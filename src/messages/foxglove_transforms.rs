@@ -1,5 +1,6 @@
 //! `foxglove.FrameTransform` and `foxglove.FrameTransforms`: poses of child frames.
 
+use super::header::header;
 use super::layout::Layout;
 use super::reading::{FrameTransform, missing, pose};
 use super::value::Value;
@@ -14,6 +15,7 @@ pub fn decode(value: &Value<'_>) -> Result<Vec<FrameTransform>, String> {
     let edge = |v: &Value<'_>| {
         let name = |path: &str| v.text(path).map(String::from).ok_or_else(|| missing(path));
         Ok(FrameTransform {
+            stamp: header(v).stamp,
             pose: pose(v, "translation", "rotation")?,
             parent: name("parent_frame_id")?,
             child: name("child_frame_id")?,

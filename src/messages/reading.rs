@@ -68,6 +68,8 @@ pub struct AltitudeCheck {
 /// One edge of the TF tree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameTransform {
+    /// `None` where it has no stamp or one of 0
+    pub stamp: Option<Stamp>,
     /// frame id
     pub parent: String,
     /// frame id

@@ -1,5 +1,6 @@
 //! `tf2_msgs/TFMessage`: poses of child frames in their parents.
 
+use super::header::header;
 use super::layout::Layout;
 use super::reading::{FrameTransform, missing, pose};
 use super::value::Value;
@@ -16,6 +17,7 @@ pub fn decode(value: &Value<'_>) -> Result<Vec<FrameTransform>, String> {
             Ok::<_, String>(id.trim_start_matches('/').to_string())
         };
         Ok(FrameTransform {
+            stamp: header(v).stamp,
             pose: pose(v, "transform.translation", "transform.rotation")?,
             parent: name("header.frame_id")?,
             child: name("child_frame_id")?,

@@ -106,6 +106,9 @@ pub struct GeometryFile {
     /// rotation body_from_dvl, as a quaternion x, y, z, w
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dvl_rotation_xyzw: Option<[f64; 4]>,
+    /// the camera stands still, whatever the joints that it sits on do
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub is_camera_held: bool,
 }
 
 /// Tilts of seafloor planes that were assumed level.

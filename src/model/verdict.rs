@@ -80,6 +80,9 @@ pub struct Verdict {
 }
 
 impl Verdict {
+    /// Name of the physical model.
+    pub const FULL: &str = "full";
+
     /// Figures by name.
     pub fn of(&self, name: &str) -> Option<&VerdictFigures> {
         self.figures.iter().find(|f| f.name == name)

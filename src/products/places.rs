@@ -9,7 +9,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use super::messages::messages_of;
-use crate::coordinates::Point;
 use crate::error::Result;
 use crate::geometry::SeafloorPlane;
 use crate::messages::value::Value;
@@ -230,21 +229,25 @@ pub fn placed(
     places: &Places,
     frames: &[(Stamp, SeafloorPlane)],
 ) -> Option<Placed> {
+    let survey = &log.survey;
+    let in_body = |world_from_vehicle: Isometry3<f64>, stamp| {
+        let moved = survey.rig.vehicle_from_body(stamp);
+        moved.map_or(world_from_vehicle, |vehicle_from_body| world_from_vehicle * vehicle_from_body)
+    };
     if let Some((topic, poses)) = places.best().filter(|(_, p)| p.iter().all(|p| p.has_rotation)) {
         let found: Vec<_> = frames
             .iter()
-            .map(|(stamp, plane)| Some((0, upright(pose_at(poses, *stamp)?, plane))))
+            .map(|(stamp, plane)| {
+                Some((0, upright(in_body(pose_at(poses, *stamp)?, *stamp), plane)))
+            })
             .collect();
         if 2 * found.iter().flatten().count() > frames.len() {
             return Some(Placed { poses: found, source: format!("odometry ({topic})") });
         }
     }
-    let survey = &log.survey;
     let by_velocity = |(stamp, plane): &(Stamp, SeafloorPlane)| {
-        let rotation = survey.pings.attitude().world_from_body(*stamp)?;
-        let (segment, origin) =
-            survey.pings.in_world(*stamp, Point::from_vector(Vector3::zeros()), &survey.rig)?;
-        Some((segment, upright(Isometry3::from_parts(Translation3::from(origin), rotation), plane)))
+        let (segment, pose) = survey.pings.world_from_body(*stamp, &survey.rig)?;
+        Some((segment, upright(pose, plane)))
     };
     let found: Vec<_> = frames.iter().map(by_velocity).collect();
     let is_known = 2 * found.iter().flatten().count() > frames.len();

@@ -11,7 +11,7 @@
 
 use std::collections::BTreeMap;
 
-use super::dvl_yaw::fit_model_and_yaw;
+use super::camera_joint::fit_model_and_joint;
 use super::model_of::{exposure, strobe_of};
 use super::pass_one::{PassOne, share_of_log};
 use super::pooled::Pooled;
@@ -51,7 +51,7 @@ pub fn fit_log(
     progress: &dyn Progress,
 ) -> Result<(ModelFile, MeanFrames)> {
     let Some(shared) = options.beam_from.as_deref() else {
-        return fit_model_and_yaw(logs, options, threads, progress);
+        return fit_model_and_joint(logs, options, threads, progress);
     };
     ensure_usable(shared)?;
     let sessions =
@@ -173,7 +173,7 @@ fn file_of(
         attenuation_std_per_m: std_per_m.iter().copied().map(Some).collect(),
         estimator: Estimator::Pairs,
         estimators: [(Estimator::Pairs, answer)].into(),
-        geometry: geometry.filter(|g| g.dvl_rotation_xyzw.is_some()),
+        geometry: geometry.filter(|g| *g != GeometryFile::default()),
         mount_check: None,
         backscatter: None,
         daylight: None,

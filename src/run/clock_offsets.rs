@@ -256,7 +256,7 @@ fn normals(
     let of_ping = |ping: Ping| {
         let stamp = ping.stamp;
         let alone = SeafloorEstimator::new(vec![ping], AttitudeTrack::default());
-        Some((stamp, alone.seafloor(stamp, rig, config).ok()?.normal.vector()))
+        Some((stamp, alone.below_vehicle(stamp, rig, config).ok()?.normal.vector()))
     };
     pings.all().filter(|p| p.returns() >= 4).filter_map(of_ping).collect()
 }

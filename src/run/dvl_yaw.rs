@@ -4,8 +4,8 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::fit::fit_model;
-use crate::config::{Estimator, SeafloorConfig, SelfCalibration};
+use super::fit::{fit_model, joint_residual};
+use crate::config::{SeafloorConfig, SelfCalibration};
 use crate::correct::MeanFrames;
 use crate::diagnostics::{Diagnostic, MountFact, NotIdentified};
 use crate::error::Result;
@@ -60,12 +60,8 @@ pub fn fit_model_and_yaw(
     let turned: Vec<CameraSession> = logs.iter().map(|log| turned(log, yaw.deg)).collect();
     let turned_logs: Vec<&CameraSession> = turned.iter().collect();
     let other = fit_model(&turned_logs, options, threads, progress);
-    let residual = |fit: &Result<(ModelFile, MeanFrames)>| {
-        let answers = fit.as_ref().ok().map(|(model, _)| &model.estimators);
-        answers.and_then(|a| a.get(&Estimator::Joint)?.residual).unwrap_or(f64::INFINITY)
-    };
     let Yaw { deg: yaw_deg, residual_deg } = yaw;
-    let is_better = residual(&other) < residual(&given);
+    let is_better = joint_residual(&other) < joint_residual(&given);
     let mut fit = if is_better && is_replaced { other? } else { given? };
     let rotation = turned_logs[0].survey.rig.body_from_dvl.isometry().rotation;
     let rotation_xyzw: [f64; 4] = rotation.coords.into();
@@ -109,7 +105,7 @@ fn yaw(log: &CameraSession, config: &SeafloorConfig) -> Option<Yaw> {
         let stamp = ping.stamp;
         let world_from_body = pings.attitude().world_from_body(stamp)?;
         let alone = SeafloorEstimator::new(vec![ping], AttitudeTrack::default());
-        let normal = alone.seafloor(stamp, rig, config).ok()?.normal.vector();
+        let normal = alone.below_vehicle(stamp, rig, config).ok()?.normal.vector();
         Some((stamp, world_from_body, rig.body_from_dvl.isometry().rotation.inverse() * normal))
     };
     let complete = pings.all().step_by(step).filter(|p| p.returns() >= 4);

@@ -1,6 +1,6 @@
 //! Pass one over more and more frames, until the model is good enough.
 
-use crate::config::EstimateConfig;
+use crate::config::{EstimateConfig, Estimator};
 use crate::correct::MeanFrames;
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
 use crate::error::{Error, Result};
@@ -69,6 +69,12 @@ pub fn fit_model(
     Ok((model, means))
 }
 
+/// Residual of the joint solve; infinite where there is none.
+pub fn joint_residual(fit: &Result<(ModelFile, MeanFrames)>) -> f64 {
+    let answers = fit.as_ref().ok().map(|(model, _)| &model.estimators);
+    answers.and_then(|a| a.get(&Estimator::Joint)?.residual).unwrap_or(f64::INFINITY)
+}
+
 /// Times that frames are sampled again.
 const MAX_RESAMPLED: usize = 2;
 /// A transfer curve that changes by less than this need not be sampled by again (log light), at
@@ -124,12 +130,9 @@ fn keep(before: &ModelFile, model: &mut ModelFile) {
         model.diagnostics.push(EstimateFact::CameraFound { summary }.into());
     }
     if let Some(before_it) = &before.geometry {
-        let GeometryFile { clock_offset_s, dvl_rotation_xyzw } =
-            model.geometry.clone().unwrap_or_default();
-        model.geometry = Some(GeometryFile {
-            clock_offset_s: clock_offset_s.or(before_it.clock_offset_s),
-            dvl_rotation_xyzw: dvl_rotation_xyzw.or(before_it.dvl_rotation_xyzw),
-        });
+        let geometry = model.geometry.get_or_insert_with(GeometryFile::default);
+        geometry.clock_offset_s = geometry.clock_offset_s.or(before_it.clock_offset_s);
+        geometry.dvl_rotation_xyzw = geometry.dvl_rotation_xyzw.or(before_it.dvl_rotation_xyzw);
         model.mount_check = before.mount_check.clone();
     }
     let of_before = before.diagnostics.iter().filter(|d| is_of_replaced(d)).cloned();

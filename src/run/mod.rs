@@ -8,6 +8,7 @@
 
 mod beam_from;
 pub mod bench;
+mod camera_joint;
 mod camera_model;
 mod camera_output;
 pub mod clock_offsets;

@@ -14,6 +14,7 @@ pub fn replaced(found: &MountFit, rig: &Rig, offset_s: f64) -> GeometryFile {
     GeometryFile {
         clock_offset_s: found.contradicts_clock().then_some(offset_s + found.clock_offset_s),
         dvl_rotation_xyzw: is_mounts.then(|| rotated_mount(found, rig).coords.into()),
+        ..GeometryFile::default()
     }
 }
 

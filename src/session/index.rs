@@ -346,7 +346,7 @@ impl ChannelSink<'_> {
             Kind::Transforms(decode) => {
                 let is_inside = self.is_inside;
                 let edges = decode(&value)?.into_iter();
-                edges.for_each(|edge| joints::add(&mut self.index.joints, edge, is_inside));
+                edges.for_each(|edge| joints::add(&mut self.index.joints, edge, logged, is_inside));
             }
             Kind::Attitude(decode) => {
                 self.readings.attitude(frame.stamp, logged, decode(&value)?);

@@ -7,6 +7,7 @@
 mod attitude;
 mod camera;
 mod camera_info;
+mod camera_motion;
 mod lamps;
 mod lens;
 mod light_setting;
@@ -17,6 +18,7 @@ mod rig_file_check;
 pub use attitude::AttitudeTrack;
 pub use camera::{Camera, Distortion, LensModel};
 pub use camera_info::{CameraInfo, Intrinsics};
+pub use camera_motion::{CameraMotion, Link, PoseTrack};
 pub use lamps::{Lamp, Lamps, MAX_LAMPS};
 pub use lens::{BlackLevel, Vignetting, VignettingName};
 pub use light_setting::SettingSeries;

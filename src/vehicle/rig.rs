@@ -6,10 +6,12 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use super::{BlackLevel, Camera, Lamps, RangeKind, Vignetting};
+use super::{BlackLevel, Camera, CameraMotion, Lamps, RangeKind, Vignetting};
 use crate::coordinates::{Body, Dvl, Optical, Point, Strobe, Transform};
+use crate::units::Stamp;
 
 /// Calibration and extrinsics of the vehicle.
 #[derive(Clone, Debug)]
@@ -22,6 +24,8 @@ pub struct Rig {
     pub body_from_dvl: Transform<Body, Dvl>,
     /// extrinsics of the lamps
     pub strobe: StrobeMount,
+    /// how the camera moves in the vehicle; `None` where it stands still
+    pub camera_motion: Option<CameraMotion>,
 }
 
 impl Rig {
@@ -33,7 +37,13 @@ impl Rig {
             body_from_optical: Transform::identity(),
             body_from_dvl: Transform::identity(),
             strobe: StrobeMount { lamps: Lamps::one(body_from_strobe), source: None },
+            camera_motion: None,
         }
+    }
+
+    /// Pose of the body in the vehicle, where the camera moves in it; else they are one.
+    pub fn vehicle_from_body(&self, stamp: Stamp) -> Option<Isometry3<f64>> {
+        self.camera_motion.as_ref().map(|motion| motion.vehicle_from_body(stamp))
     }
 }
 

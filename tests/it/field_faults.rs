@@ -342,7 +342,7 @@ fn whole_logs_with_one_fault_are_surveyed_or_refused_by_name() {
         ("camera_info_k0_no_frame", Err("its K is zero")),
         ("camera_info_only_other", Err("another camera")),
         ("camera_info_size_zero", Ok("camera-info-without-size")),
-        ("camera_on_tilt_servo", Err("moves by up to")),
+        ("camera_on_tilt_servo", Ok("joint-followed")),
         ("dvl_millimetres", Err("unit_m = 0.001")),
         ("dvl_schema_empty", Ok("schema-known-by-name")),
         ("frozen_pings_small", Ok("pings-repeated")),
@@ -376,6 +376,7 @@ fn whole_logs_with_one_fault_give_the_right_attenuation_or_none() {
     let names = [
         "camera_frame_is_no_optical",
         "camera_info_size_zero",
+        "camera_on_tilt_servo",
         "dvl_schema_empty",
         "dvl_turned_135",
         "image_rect_mild",
@@ -404,6 +405,9 @@ fn whole_logs_with_one_fault_give_the_right_attenuation_or_none() {
     let turned = estimated("dvl_turned_135").expect("a model");
     assert!(turned.diagnostics.iter().any(|d| d.code() == "dvl-turned-about-its-axis"));
     assert!(turned.geometry.is_some_and(|g| g.dvl_rotation_xyzw.is_some()));
+    let still = estimated("camera_on_tilt_servo").expect("a model");
+    assert!(still.diagnostics.iter().any(|d| d.code() == "joint-contradicted"));
+    assert!(still.geometry.is_some_and(|g| g.is_camera_held));
     // Only reported, the given mount gives a wrong number.
     let mut report = Options::default();
     report.config.estimate.self_calibration = SelfCalibration::Report;

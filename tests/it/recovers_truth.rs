@@ -93,6 +93,27 @@ fn water_linked_dvl_without_beam_vectors_and_lens_distortion() {
     assert_near("jpeg, distorted", &v, &bounds);
 }
 
+/// Held still, the mount is wrong by up to 12°.
+#[test]
+fn a_camera_on_a_servo_is_followed() {
+    let dive = Dive {
+        seed: 26,
+        frames: 32,
+        slope_deg: (4.0, 2.0),
+        conditions: Conditions { servo_deg: 12.0, ..Conditions::default() },
+        ..Dive::default()
+    };
+    let (v, _) = judged(&dive, &Options::default());
+    let bounds = Bounds {
+        attenuation_per_m: &[0.003, 0.003, 0.003],
+        beam_log: 0.0137,
+        reflectance: &[0.0273, 0.0135, 0.0203],
+    };
+    assert_near("servo", &v, &bounds);
+    let has = |code: &str| v.report.diagnostics.iter().any(|d| d.code() == code);
+    assert!(has("joint-followed") && !has("joint-contradicted"), "{:?}", v.report.diagnostics);
+}
+
 /// A dozen consecutive frames of such a camera see hardly any change of altitude: frames have to be
 /// selected that are apart in time.
 #[test]
@@ -565,10 +586,12 @@ fn two_strobes_are_modelled_as_two() {
     );
     let mut named = Options::default();
     named.selection.strobe_frame = Some("strobe_optical_frame".into());
-    named.config.estimate.residual_light = Switch::Off;
     let (one, _) = judged(&dive, &named);
     // One lamp does not explain the light of two.
     assert!(v.model.residual_light.is_none(), "{:?}", v.model.verdict);
+    assert!(one.model.residual_light.is_some(), "{:?}", one.model.verdict);
+    named.config.estimate.residual_light = Switch::Off;
+    let (one, _) = judged(&dive, &named);
     let (one, both) = (one.reflectance_error[1], v.reflectance_error[1]);
     assert!(one > 1.5 * both, "{one} with one lamp, {both} with both");
     let bounds = Bounds {

@@ -84,7 +84,7 @@ fn a_clock_that_a_model_found_applies_once_and_to_its_own_logs() {
         (corrected_images(&output), report.diagnostics.iter().any(is_unused))
     };
     let late = offset(&topic, 0.3);
-    let clock = GeometryFile { clock_offset_s: Some(0.3), dvl_rotation_xyzw: None };
+    let clock = GeometryFile { clock_offset_s: Some(0.3), ..GeometryFile::default() };
     let found = ModelFile { geometry: Some(clock), ..plain.clone() };
     let expected = images(&plain, &late);
     assert_ne!(expected, images(&plain, &Options::default()));

@@ -62,6 +62,7 @@ fn geometry(camera: Camera, pitch_deg: f64) -> (SeafloorPlane, Rig) {
             lamps: Lamps::one(Transform::from_parts([-0.8, 0.1, 0.1], [0.0, 0.17, 0.0, 0.985])),
             source: None,
         },
+        camera_motion: None,
     };
     (plane, rig)
 }

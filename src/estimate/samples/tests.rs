@@ -14,6 +14,7 @@ fn over<T>(tipped_deg: f64, ask: impl FnOnce(&View<'_>) -> T) -> T {
         body_from_optical: mounted,
         body_from_dvl: Transform::identity(),
         strobe: StrobeMount { lamps: Lamps::one(Transform::identity()), source: None },
+        camera_motion: None,
     };
     let normal = Direction::from_vector(nalgebra::Vector3::new(0.0, sin, cos)).expect("a normal");
     let plane = SeafloorPlane {

@@ -75,7 +75,9 @@ pub fn rig_facts(rig: &Rig, given: &RigFile) -> RigFile {
     (file.camera.full_well_e, file.camera.read_noise_e) =
         (given.camera.full_well_e, given.camera.read_noise_e);
     file.camera.response.clone_from(&given.camera.response);
-    file.camera.mount = Some(MountFacts::of(rig.body_from_optical.isometry()));
+    // A mount in a rig file stands still.
+    let is_still = rig.camera_motion.is_none();
+    file.camera.mount = is_still.then(|| MountFacts::of(rig.body_from_optical.isometry()));
     file.dvl.mount = Some(MountFacts::of(rig.body_from_dvl.isometry()));
     put_lamps(&mut file, &rig.strobe);
     file

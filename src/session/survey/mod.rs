@@ -180,8 +180,10 @@ impl Survey {
             let at = self.rig.body_from_dvl.isometry().translation.vector;
             self.rig.body_from_dvl = Transform::from_parts(at.into(), rotation);
         }
-        let stamps: Vec<Stamp> = self.frames.iter().map(|f| f.stamp).collect();
-        self.pings.estimate_trajectory(&stamps, &self.rig, config);
+        if found.is_camera_held {
+            self.rig.camera_motion = None;
+        }
+        self.pings.estimate_trajectory(&stamps(&self.frames), &self.rig, config);
     }
 
     /// Settings that a model compensates and this log does not have.
@@ -206,30 +208,30 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let ranges = RangeSurvey::new(log, options, &mut diagnostics)?;
     camera.check(log, &mut diagnostics);
     ranges.check(&mut diagnostics);
-    check_offsets(log, options, &mut diagnostics);
-    let mounts = Mounts::new(log);
-    let (body_frame, pose) = mounts.root(&camera.frame_id);
-    let mounted = view_check::Mounted::new(&camera, rig_file, pose)?;
+    let unread = unreadable_channels(log).chain(camera.processed_before());
+    diagnostics.extend(offsets_of_unknown(log, options).chain(unread));
+    let followed = rig_file.camera.mount.is_none().then(|| ranges.frame_id());
+    let mut mounts = Mounts::followed_from(log, &camera.frame_id, followed);
+    let body_frame = mounts.root(&camera.frame_id).0;
     let given = (rig_file, log.recording.path());
     let body_from_dvl = ranges.mount((&mounts, &body_frame), &camera, given, &mut diagnostics)?;
-    let used = [camera.frame_id.as_str(), ranges.frame_id()];
-    let facts = mounts.conflicts(&used).into_iter().chain(mounts.placeholders(&used));
-    diagnostics.extend(facts.map(Diagnostic::from));
+    diagnostics.extend(mounts.doubts(&[camera.frame_id.as_str(), ranges.frame_id()]));
     let clocks = clocks::Clocks { camera_offset_s: camera.clock_offset_s, rig_file };
     let pings = ranges.pings(log, &clocks, &mut diagnostics)?;
-    let body_from_optical =
-        view_check::checked_mount(&mounted, &pings, body_from_dvl, &mut diagnostics)?;
+    let measured = (pings.as_slice(), body_from_dvl);
+    let camera_motion = view_check::motion(&mut mounts, &camera, measured, &clocks);
+    let mounted = view_check::Mounted::new(&camera, rig_file, mounts.root(&camera.frame_id).1)?;
+    let body_from_optical = view_check::checked_mount(&mounted, measured, &mut diagnostics)?;
     let vehicle = lights::Vehicle { mounts: &mounts, body_frame: &body_frame, body_from_optical };
     let strobe = strobe_mount(&vehicle, options, &mut diagnostics)?;
     let attitude = attitude::Search { log, mounts: &mounts, body_frame: &body_frame, clocks };
     let (attitude_topic, attitude) = attitude.run(&options.config.seafloor, &mut diagnostics);
-    let rig = Rig { camera: camera.calibration, body_from_optical, body_from_dvl, strobe };
-    diagnostics.extend(unreadable_channels(log).chain(camera.processed_before()));
-    let mut pings = SeafloorEstimator::new(pings, attitude);
-    let stamps: Vec<Stamp> = camera.frames.iter().map(|f| f.stamp).collect();
-    let uneven = pings.estimate_trajectory(&stamps, &rig, &options.config.seafloor);
-    diagnostics.extend(uneven.map(|residual_ratio| RangeFact::NotFlat { residual_ratio }.into()));
+    let calibration = camera.calibration;
+    let rig = Rig { camera: calibration, body_from_optical, body_from_dvl, strobe, camera_motion };
     let (frames, numbers) = in_time_order(camera.frames);
+    let mut pings = SeafloorEstimator::new(pings, attitude);
+    let ratio = pings.estimate_trajectory(&stamps(&frames), &rig, &options.config.seafloor);
+    diagnostics.extend(ratio.map(|residual_ratio| RangeFact::NotFlat { residual_ratio }.into()));
     Ok(Survey {
         camera_topic: camera.topic,
         camera_channels: camera.channels,
@@ -273,6 +275,10 @@ fn in_time_order(mut frames: Vec<FrameRef>) -> (Vec<FrameRef>, Vec<(FrameId, usi
     (frames, numbers)
 }
 
+fn stamps(frames: &[FrameRef]) -> Vec<Stamp> {
+    frames.iter().map(|frame| frame.stamp).collect()
+}
+
 /// Whether a rig file has the vignetting, and the black level.
 fn flat_field_given(RigFile { camera, .. }: &RigFile) -> [bool; 2] {
     let has_vignetting = camera.vignetting.is_some() || camera.flat_field.is_some();
@@ -287,10 +293,10 @@ fn transfer_known(options: &Options, has_table: bool) -> TransferKnown {
     }
 }
 
-fn check_offsets(log: &Log, options: &Options, diagnostics: &mut Vec<Diagnostic>) {
+fn offsets_of_unknown(log: &Log, options: &Options) -> impl Iterator<Item = Diagnostic> {
     let is_unknown = |t: &&String| log.recording.channels.values().all(|c| c.topic != **t);
     let unknown = options.rig.time_offset_s.keys().filter(is_unknown);
-    diagnostics.extend(unknown.map(|t| Diagnostic::on(t, ClockFact::OffsetOfUnknownTopic)));
+    unknown.map(|t| Diagnostic::on(t, ClockFact::OffsetOfUnknownTopic))
 }
 
 fn unreadable_channels(log: &Log) -> impl Iterator<Item = Diagnostic> {

@@ -6,8 +6,9 @@ use nalgebra::Isometry3;
 
 use super::super::joints::Joint;
 use super::super::log::Log;
-use crate::diagnostics::MountFact;
+use crate::diagnostics::{Diagnostic, MountFact};
 use crate::error::MountGap;
+use crate::vehicle::{CameraMotion, Link};
 
 /// Larger than any vehicle; a larger distance was probably meant in millimetres (m).
 const MAX_DISTANCE_M: f64 = 50.0;
@@ -17,6 +18,8 @@ pub struct Mounts<'s> {
     edges: BTreeMap<&'s str, (&'s str, Isometry3<f64>)>,
     /// joints that move in the window
     moving: Vec<&'s Joint>,
+    /// those among them that are edges, from the camera on
+    followed: Vec<&'s Joint>,
     /// other mounts of frames that have one
     conflicts: Vec<&'s Joint>,
     /// joints without a valid rotation
@@ -26,8 +29,8 @@ pub struct Mounts<'s> {
 impl<'s> Mounts<'s> {
     /// The first still edge of each child; those of `/tf_static` before those of `/tf`.
     pub fn new(log: &'s Log) -> Self {
-        let (edges, moving, conflicts, broken) = Default::default();
-        let mut mounts = Self { edges, moving, conflicts, broken };
+        let (edges, moving, followed, conflicts, broken) = Default::default();
+        let mut mounts = Self { edges, moving, followed, conflicts, broken };
         for is_latched in [true, false] {
             for (id, channel) in &log.index.channels {
                 if log.topic(*id).trim_end_matches('/').ends_with("tf_static") == is_latched {
@@ -50,6 +53,62 @@ impl<'s> Mounts<'s> {
             self.conflicts.push(joint);
         }
         self.edges.entry(&joint.child).or_insert((&joint.parent, pose));
+    }
+
+    /// As [`Mounts::new`], with the joints that move between the camera's frame and another.
+    pub fn followed_from(log: &'s Log, camera_frame: &str, other: Option<&str>) -> Self {
+        let mut mounts = Self::new(log);
+        other.into_iter().for_each(|other| mounts.follow(camera_frame, other));
+        mounts
+    }
+
+    /// Takes the joints above a frame, which move, for edges, where they connect it to another.
+    fn follow(&mut self, frame: &str, other: &str) {
+        let (edges, moving) = (self.edges.clone(), self.moving.clone());
+        let above = self.root(other).0;
+        loop {
+            let root = self.root(frame).0;
+            if root == above {
+                return;
+            }
+            let is_next = |joint: &&Joint| joint.child == root && !joint.track.is_empty();
+            let Some(next) = self.moving.iter().position(is_next) else { break };
+            let joint = self.moving.remove(next);
+            let pose = joint.pose.unwrap_or_else(Isometry3::identity);
+            self.edges.insert(&joint.child, (&joint.parent, pose));
+            self.followed.push(joint);
+        }
+        (self.edges, self.moving, self.followed) = (edges, moving, Vec::new());
+    }
+
+    /// The links from the root to a frame, where joints among them are followed.
+    pub fn moving_links(&self, frame: &str, clock_offset_s: f64) -> Option<Vec<Link>> {
+        if self.followed.is_empty() {
+            return None;
+        }
+        let link = |child: &str| match self.followed.iter().find(|joint| joint.child == child) {
+            Some(joint) => {
+                Some(Link::Moving((*joint.track).clone().on_clock(clock_offset_s).into()))
+            }
+            None => self.edges.get(child).map(|(_, pose)| Link::Still(*pose)),
+        };
+        Some(self.chain(frame).iter().rev().filter_map(|(child, _)| link(child)).collect())
+    }
+
+    /// Sets the followed joints to their pose in the rig.
+    pub fn hold(&mut self, motion: &CameraMotion) {
+        let moving = motion.links.iter().rev().filter(|link| matches!(link, Link::Moving(_)));
+        for (joint, link) in self.followed.iter().zip(moving) {
+            self.edges.insert(&joint.child, (&joint.parent, link.at(motion.reference)));
+        }
+    }
+
+    fn followed(&self) -> impl Iterator<Item = MountFact> + '_ {
+        self.followed.iter().map(|joint| MountFact::JointFollowed {
+            parent: joint.parent.clone(),
+            child: joint.child.clone(),
+            rotation_deg: joint.rotation_rad.to_degrees(),
+        })
     }
 
     /// Names of all frames.
@@ -96,8 +155,14 @@ impl<'s> Mounts<'s> {
         (is_below && pose.translation.vector.norm() < MAX_DISTANCE_M).then_some(pose)
     }
 
+    /// What is doubtful of the mounts of these frames, and which joints are followed.
+    pub fn doubts(&self, frames: &[&str]) -> Vec<Diagnostic> {
+        let doubts = self.conflicts(frames).into_iter().chain(self.placeholders(frames));
+        doubts.chain(self.followed()).map(Diagnostic::from).collect()
+    }
+
     /// Mounts of these frames, or of those above them, that the log states twice and differently.
-    pub fn conflicts(&self, frames: &[&str]) -> Vec<MountFact> {
+    fn conflicts(&self, frames: &[&str]) -> Vec<MountFact> {
         let chains = frames.iter().flat_map(|frame| self.chain(frame));
         let used: Vec<String> = chains.map(|(frame, _)| frame).collect();
         let is_used = |joint: &&&Joint| used.contains(&joint.child) && !self.agrees(joint);
@@ -114,7 +179,7 @@ impl<'s> Mounts<'s> {
     }
 
     /// Mounts of these frames that are probably placeholders: no translation from the root at all.
-    pub fn placeholders(&self, frames: &[&str]) -> Vec<MountFact> {
+    fn placeholders(&self, frames: &[&str]) -> Vec<MountFact> {
         let has_none = |frame: &&&str| {
             let (root, pose) = self.root(frame);
             root != **frame && pose.translation.vector.norm() < 1e-9

@@ -3,10 +3,12 @@
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion, Vector3};
 
 use super::camera::CameraSurvey;
+use super::clocks::Clocks;
+use super::mounts::Mounts;
 use crate::coordinates::{Body, Direction, Dvl, Optical, Transform};
 use crate::diagnostics::{Diagnostic, MountFact};
 use crate::error::{Error, Result};
-use crate::vehicle::{Ping, RigFile};
+use crate::vehicle::{CameraMotion, Ping, RigFile};
 
 /// Smallest cosine between the optical axis and the direction of the ranges.
 const MIN_AXIS_COSINE: f64 = 0.2;
@@ -45,6 +47,24 @@ fn mean_direction(pings: &[Ping], body_from_dvl: Transform<Body, Dvl>) -> Option
     sum.try_normalize(1e-6)
 }
 
+/// How the camera moves, where joints between it and the vehicle are followed. They are held where
+/// it looks most along the ranges.
+pub fn motion(
+    mounts: &mut Mounts<'_>,
+    camera: &CameraSurvey,
+    (pings, body_from_dvl): (&[Ping], Transform<Body, Dvl>),
+    clocks: &Clocks<'_>,
+) -> Option<CameraMotion> {
+    let keeps_log_time = clocks.is_cameras(Some(0.0));
+    let offset_s = camera.clock_offset_s.filter(|_| !keeps_log_time).unwrap_or(0.0);
+    let links = mounts.moving_links(&camera.frame_id, offset_s)?;
+    let boresight = || (body_from_dvl * Direction::boresight()).vector();
+    let ranges = mean_direction(pings, body_from_dvl).unwrap_or_else(boresight);
+    let motion = CameraMotion::new(links, &ranges);
+    mounts.hold(&motion);
+    Some(motion)
+}
+
 /// The camera's mount. Where its frame is no optical frame (x ahead instead of z) by its name and
 /// by the ranges, the optical frame is derived from it.
 ///
@@ -52,8 +72,7 @@ fn mean_direction(pings: &[Ping], body_from_dvl: Transform<Body, Dvl>) -> Option
 /// The camera looks elsewhere.
 pub fn checked_mount(
     camera: &Mounted<'_>,
-    pings: &[Ping],
-    body_from_dvl: Transform<Body, Dvl>,
+    (pings, body_from_dvl): (&[Ping], Transform<Body, Dvl>),
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Result<Transform<Body, Optical>> {
     let Mounted { topic, frame, body_from_optical, is_given } = *camera;
@@ -101,7 +120,7 @@ mod tests {
         let q = UnitQuaternion::from_euler_angles(0.0, f64::to_radians(pitch_deg), 0.0);
         let body_from_optical = Transform::from_parts([0.0; 3], q.coords.into());
         let camera = Mounted { topic: "/camera", frame, body_from_optical, is_given };
-        let mount = checked_mount(&camera, &[ping], down, &mut Vec::new())?;
+        let mount = checked_mount(&camera, (&[ping], down), &mut Vec::new())?;
         Ok((mount * Direction::boresight()).vector())
     }
 

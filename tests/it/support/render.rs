@@ -31,7 +31,7 @@
 //! The same `Dive` gives the same bytes on any thread count.
 #![allow(dead_code)]
 
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
@@ -46,10 +46,13 @@ use conditions::{
 
 type V3 = Vector3<f64>;
 type Rotation = UnitQuaternion<f64>;
+type Pose = Isometry3<f64>;
 type Bands = V3; // R G B
 
 // The rig: metres in base. The strobe points ahead of straight down, and a little to starboard.
 const CAMERA_IN_BASE: [f64; 3] = [0.34, -0.10, -0.12];
+/// Its axis is that of pitch.
+const SERVO_IN_BASE: [f64; 3] = [0.30, -0.10, 0.05];
 const STROBE_IN_BASE: [f64; 3] = [-0.53, 0.09, -0.07];
 const SECOND_STROBE_IN_BASE: [f64; 3] = [0.75, -0.32, -0.09];
 const STROBE_TURN_DEG: (f64, f64) = (18.0, 4.0);
@@ -57,6 +60,7 @@ const DVL_IN_BASE: [f64; 3] = [-0.08, 0.15, -0.16]; // the altimeter too
 // The motion: speed, period of the altitude, seconds and metres of the change of course.
 const SPEED_M_PER_S: f64 = 0.3;
 const SWING_PERIOD_S: f64 = 24.0;
+const SERVO_PERIOD_S: f64 = 9.0;
 const TURN: (f64, f64) = (6.0, 0.6);
 // The sensors. Exposed such that the 99.8th percentile of direct light (brightest band, gain 1) is
 // here, of full scale.
@@ -304,6 +308,12 @@ fn base_from_strobe() -> Rotation {
         * forward
         * Rotation::from_axis_angle(&V3::y_axis(), STROBE_TURN_DEG.1.to_radians())
 }
+/// The servo that holds camera and lamps, in base, `t` seconds after the first frame.
+fn servo(amplitude_deg: f64, t: f64) -> Pose {
+    let deg = amplitude_deg * (TAU * t / SERVO_PERIOD_S).sin();
+    let turn = Rotation::from_axis_angle(&V3::y_axis(), deg.to_radians());
+    Pose::from_parts(V3::from(SERVO_IN_BASE).into(), turn)
+}
 fn base_from_dvl() -> Rotation {
     Rotation::from_axis_angle(&V3::x_axis(), PI)
 }
@@ -375,8 +385,14 @@ struct View {
 
 impl View {
     fn new(dive: &Dive, frame: usize) -> Self {
-        let pose = dive.pose(frame as f64 / dive.frames_per_s);
-        let (camera, optical) = (V3::from(CAMERA_IN_BASE), base_from_camera());
+        let t = frame as f64 / dive.frames_per_s;
+        let pose = dive.pose(t);
+        let mut mount = Pose::from_parts(V3::from(CAMERA_IN_BASE).into(), base_from_camera());
+        if dive.conditions.servo_deg != 0.0 {
+            let servo = |deg: f64| servo(deg, t);
+            mount = servo(dive.conditions.servo_deg) * servo(0.0).inverse() * mount;
+        }
+        let (camera, optical) = (mount.translation.vector, mount.rotation);
         let camera_in_world = pose.0 + pose.1 * camera;
         let age = if dive.frames > 1 { frame as f64 / (dive.frames - 1) as f64 } else { 0.5 };
         Self {
@@ -935,6 +951,10 @@ impl Dive {
         let times = |(start, step): (i64, i64)| (start..end).step_by(step as usize).enumerate();
         let mut messages =
             vec![(IMU_NS.0, "/tf_static", "tf2_msgs/msg/TFMessage", self.tf_static(IMU_NS.0))];
+        let turns = times(IMU_NS).filter(|_| self.conditions.servo_deg != 0.0);
+        messages.extend(turns.map(|(_, ns)| {
+            (ns + 8_000_000, "/tf", "tf2_msgs/msg/TFMessage", self.tf_of_servo(ns))
+        }));
         let imu = times(IMU_NS).filter(|_| self.with_imu);
         messages.extend(
             imu.map(|(n, ns)| (ns + 3_000_000, "/imu", "sensor_msgs/msg/Imu", self.imu(ns, n))),
@@ -1124,11 +1144,23 @@ impl Dive {
             let turn = base_from_camera() * lamp_turn();
             mounts.push(("lamp_optical_frame", LAMP_IN_BASE, turn));
         }
+        let has_servo = self.conditions.servo_deg != 0.0;
         let mut cdr = Cdr::new();
         cdr.u32(mounts.len() as u32);
         for (child, at, turn) in mounts {
-            cdr.header(ns, "base_link").string(child).f64s(&at).f64s(turn.coords.as_slice());
+            let (mut parent, mut pose) = ("base_link", Pose::from_parts(V3::from(at).into(), turn));
+            if has_servo && child.ends_with("optical_frame") {
+                (parent, pose) = ("servo_link", servo(0.0, 0.0).inverse() * pose);
+            }
+            cdr.transform(ns, parent, child, &pose);
         }
+        cdr.0
+    }
+    fn tf_of_servo(&self, ns: i64) -> Vec<u8> {
+        let mut cdr = Cdr::new();
+        cdr.u32(1);
+        let pose = servo(self.conditions.servo_deg, ns as f64 * 1e-9);
+        cdr.transform(ns, "base_link", "servo_link", &pose);
         cdr.0
     }
     fn camera_info(&self, ns: i64) -> Vec<u8> {
@@ -1185,6 +1217,10 @@ impl Cdr {
     }
     fn string(&mut self, text: &str) -> &mut Self {
         self.bytes(format!("{text}\0").as_bytes())
+    }
+    fn transform(&mut self, ns: i64, parent: &str, child: &str, pose: &Pose) {
+        self.header(ns, parent).string(child).f64s(pose.translation.vector.as_slice());
+        self.f64s(pose.rotation.coords.as_slice());
     }
     fn header(&mut self, ns: i64, frame_id: &str) -> &mut Self {
         self.u32((stamp(ns) / 1_000_000_000) as u32)

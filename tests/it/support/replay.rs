@@ -30,6 +30,7 @@ fn plane(ping: Ping) -> Option<(f64, f64)> {
             lamps: unwater::vehicle::Lamps::one(Transform::identity()),
             source: None,
         },
+        camera_motion: None,
     };
     let stamp = ping.stamp;
     let config = Config {
