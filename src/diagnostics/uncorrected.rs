@@ -16,6 +16,8 @@ facts! {
         Loss "image-dark" Dark,
             text("the image is dark"),
             remedy("check that the strobe fires with every image, within reach of the seafloor");
+        Info "image-without-strobe" Unlit,
+            text("the image was taken without the strobe, as others in turns with it");
         Loss "no-ping" NoPing,
             text("no range to the seafloor near enough in time"),
             remedy("name another instrument with --dvl TOPIC, or allow a longer gap with \

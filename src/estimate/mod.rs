@@ -30,6 +30,7 @@ mod sequence;
 mod strobe_search;
 mod tilt_search;
 mod tracks;
+mod unlit;
 mod verdict;
 mod verdict_figures;
 
@@ -55,6 +56,7 @@ pub use sequence::estimate_model;
 pub use strobe_search::{StrobeFit, StrobePlacement};
 pub use tilt_search::TiltFit;
 pub use tracks::tracks;
+pub use unlit::{Unlit, two_kinds};
 pub use verdict::Judgement;
 
 use crate::config::{EstimateConfig, Estimator};

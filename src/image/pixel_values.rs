@@ -151,6 +151,12 @@ impl<'a> PixelValues<'a> {
         *self.mean_light.get_or_init(|| self.mean_of_blocks())
     }
 
+    /// Mean of that over the bands.
+    pub fn brightness(&self) -> f64 {
+        let bands = self.bands();
+        self.mean_light()[..bands].iter().sum::<f64>() / bands as f64
+    }
+
     fn mean_of_blocks(&self) -> Bands {
         match self.stored_bands() {
             3 => self.mean_of::<3>(),

@@ -168,6 +168,10 @@ pub struct InputFile {
     pub dvl_topic: String,
     /// frames used
     pub frames: usize,
+    /// frames of a smaller mean light (share of full scale) were taken without the strobe, as
+    /// every other one
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unlit_below: Option<f64>,
 }
 
 impl InputFile {

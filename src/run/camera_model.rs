@@ -48,14 +48,17 @@ impl CameraModel {
         if let Some(camera) = &file.camera {
             survey.take_camera(camera)?;
         }
-        // Clock and tilts are those of a recording.
-        let is_of_log = file.tilts.is_some() || file.geometry.is_some();
+        // Clock, tilts and kinds of frames are those of a recording.
+        let has_unlit = file.inputs.iter().any(|input| input.unlit_below.is_some());
+        let is_of_log = file.tilts.is_some() || file.geometry.is_some() || has_unlit;
         let recording = &session.recording;
         let is_source = |input: &InputFile| source.is_some_and(|s| s.is_same(&input.identity()));
         let is_input = |input: &InputFile| Ok(is_source(input) || recording.is(&input.identity())?);
         let inputs = file.inputs.iter().filter(|_| is_of_log);
         let is_own = inputs.map(is_input).collect::<Result<Vec<bool>>>()?;
         survey.tilts = Tilts::of(&file, &is_own);
+        let own = file.inputs.iter().zip(&is_own).find(|(_, is_own)| **is_own);
+        survey.unlit_below = own.and_then(|(input, _)| input.unlit_below);
         if let Some(mut geometry) = file.geometry.clone() {
             if !is_own.contains(&true) {
                 geometry.clock_offset_s = None;

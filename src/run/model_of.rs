@@ -42,7 +42,8 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         return Err(Error::Usage("no log was given".into()));
     };
     let (first, config) = (*first, &options.config);
-    let Pooled { mut frames, pairs, inputs, settings, origins, offsets_s } = Pooled::new(logs)?;
+    let Pooled { mut frames, pairs, inputs, diagnostics: of_logs, settings, origins, offsets_s } =
+        Pooled::new(logs)?;
     let tracks = tracks(&frames, &pairs);
     frames.iter_mut().for_each(FrameSamples::drop_keypoints);
     drop(pairs);
@@ -59,7 +60,8 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     let frames = &found.frames;
     let empirical = found.judgement.empirical.as_ref();
     let rendering = exposure_of_estimate(&found, rig, (white_level, config));
-    let diagnostics = diagnostics(&found, first, options);
+    let mut diagnostics = diagnostics(&found, first, options);
+    diagnostics.extend(of_logs);
     let has_equal_beams =
         |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
     let is_level = first.survey.diagnostics.iter().any(has_equal_beams);

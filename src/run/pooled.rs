@@ -1,8 +1,9 @@
 //! Samples of several logs in one: what pass one collected, and where each frame came from.
 
 use super::pass_one::Collected;
+use crate::diagnostics::{Diagnostic, EstimateFact};
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, MatchedPair, TiltFit};
+use crate::estimate::{FrameSamples, MatchedPair, TiltFit, Unlit};
 use crate::image::Bands;
 use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile};
 use crate::recording::LogIdentity;
@@ -19,6 +20,8 @@ pub struct Pooled {
     pub pairs: Vec<MatchedPair>,
     /// the logs
     pub inputs: Vec<InputFile>,
+    /// what is to be said of the logs
+    pub diagnostics: Vec<Diagnostic>,
     /// per setting of the first log: its value for every frame, NaN where unknown
     pub settings: Vec<Vec<f64>>,
     /// per log: what is added to the stamps of its camera (s)
@@ -67,7 +70,12 @@ impl Pooled {
             camera_topic: survey.camera_topic.clone(),
             dvl_topic: survey.dvl_topic.clone(),
             frames: collected.frames.len(),
+            unlit_below: collected.unlit.map(|unlit| unlit.below),
         });
+        self.diagnostics.extend(collected.unlit.map(|Unlit { frames, ratio, .. }| {
+            let of = frames + collected.frames.len();
+            Diagnostic::on(&survey.camera_topic, EstimateFact::UnlitFrames { frames, of, ratio })
+        }));
         for (values, series) in self.settings.iter_mut().zip(&first.survey.settings) {
             let is_same = |s: &&SettingSeries| (&s.topic, &s.name) == (&series.topic, &series.name);
             let same = survey.settings.iter().find(is_same);

@@ -102,6 +102,9 @@ impl CameraSession {
         if is_dark(&pixels) {
             return Err(unusable(Reason::Dark, Some(pixels), None));
         }
+        if self.survey.unlit_below.is_some_and(|below| pixels.brightness() < below) {
+            return Err(unusable(Reason::Unlit, Some(pixels), None));
+        }
         let plane = match self.seafloor(image.at.stamp) {
             Ok(plane) => plane,
             Err(e) => return Err(unusable(no_seafloor(&e), Some(pixels), None)),

@@ -247,9 +247,9 @@ fn every_command_runs() {
         crate::support::render::Dive {
             seed,
             frames: 14,
-            width: 288,
-            height: 216,
-            focal_px: 340.0,
+            width: 216,
+            height: 162,
+            focal_px: 255.0,
             ..Default::default()
         }
         .write(&log);

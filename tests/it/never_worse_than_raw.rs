@@ -12,7 +12,7 @@ use unwater::error::Error;
 use unwater::image::LinearImage;
 use unwater::model::{ModelFile, VerdictMeasure};
 use unwater::report::Report;
-use unwater::run::correct;
+use unwater::run::{correct, estimate_logs};
 use unwater::session::{Options, Silent};
 
 fn dive() -> Dive {
@@ -126,4 +126,40 @@ fn a_dive_that_determines_no_attenuation_is_corrected() {
     altitude.config.estimate.estimator = Estimator::Altitude;
     let output = folder.path().join("not.mcap");
     assert!(correct(&folder.path().join("dive.mcap"), &output, None, &altitude, &Silent).is_err());
+}
+
+/// Every other frame has another energy of the strobe.
+fn in_turns(energy: f64, frames: usize) -> Dive {
+    let conditions =
+        Conditions { daylight: 0.08, every_other_energy: Some(energy), ..Conditions::default() };
+    Dive {
+        seed: 192,
+        frames,
+        frames_per_s: 2.0,
+        width: 288,
+        height: 216,
+        focal_px: 345.0,
+        conditions,
+        ..Dive::default()
+    }
+}
+
+#[test]
+fn frames_without_strobe_are_left_out_and_stay_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dive.mcap");
+    let truth = in_turns(0.0, 60).write(&path);
+    let (report, model, shown) = corrected(folder.path(), &Options::default());
+    let said = report.diagnostics.iter().find(|d| d.code() == "frames-without-strobe");
+    assert!(said.is_some_and(|d| d.to_string().contains("30 of 60 frames")), "{said:?}");
+    assert_eq!((report.corrected, shown.len()), (30, 30));
+    assert!(!report.has_losses(), "{:?}", report.uncorrected);
+    assert!(model.identified, "{:?}", model.not_identified_because);
+    for (found, right) in model.attenuation_per_m.iter().zip(truth.attenuation_per_m) {
+        assert_within("attenuation [1/m]", found - right, 0.01);
+    }
+    // A strobe that is dimmed in turns lights every frame.
+    in_turns(0.25, 24).write(&path);
+    let (dimmed, _) = estimate_logs(&[&path], &Options::default(), &Silent).unwrap();
+    assert_eq!((dimmed.inputs[0].unlit_below, dimmed.inputs[0].frames), (None, 24));
 }

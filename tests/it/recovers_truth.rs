@@ -1,17 +1,35 @@
 //! Render with a known model → estimate → correct → compare. The renderer shares no code with the
 //! estimator.
-use crate::support::judge::{Verdict, assert_within, run};
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use crate::support::judge::{Verdict, assert_within, corrected};
 use crate::support::render::conditions::Conditions;
 use crate::support::render::{Dive, DvlType, Sensor, Truth};
+use tempfile::TempDir;
 use unwater::config::{Estimator, SelfCalibration, Spreading, StrobePosition, Switch};
 use unwater::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
 use unwater::model::{AttenuationKind, LightLaw};
 use unwater::session::Options;
 use unwater::vehicle::StrobeSource;
 
-fn judged(dive: &Dive, options: &Options) -> (Verdict, Truth) {
-    let folder = tempfile::tempdir().expect("a folder");
-    run(dive, options, folder.path())
+thread_local! {
+    /// The dive that the test rendered last, for other options: a dive takes as long as its
+    /// estimate.
+    static RENDERED: RefCell<Option<(String, TempDir, Rc<Truth>)>> = const { RefCell::new(None) };
+}
+
+fn judged(dive: &Dive, options: &Options) -> (Verdict, Rc<Truth>) {
+    let name = format!("{dive:?}");
+    RENDERED.with_borrow_mut(|rendered| {
+        let same = rendered.take().filter(|(of, ..)| *of == name);
+        let (_, folder, truth) = rendered.insert(same.unwrap_or_else(|| {
+            let folder = tempfile::tempdir().expect("a folder");
+            let truth = dive.write(&folder.path().join("dive.mcap"));
+            (name, folder, truth.into())
+        }));
+        (corrected(dive, truth, options, folder.path()).0, Rc::clone(truth))
+    })
 }
 
 /// Faults are reported and not compensated.

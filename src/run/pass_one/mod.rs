@@ -11,7 +11,9 @@ use crate::config::{Config, Estimator};
 use crate::coordinates::{Body, Direction};
 use crate::correct::MeanFrames;
 use crate::error::Result;
-use crate::estimate::{FrameSamples, MatchedPair, PLANES_AROUND_S, coarsest_m, sample_frame};
+use crate::estimate::{
+    FrameSamples, MatchedPair, PLANES_AROUND_S, Unlit, coarsest_m, sample_frame, two_kinds,
+};
 use crate::image::LinearImage;
 use crate::image::transfer::Transfer;
 use crate::parallel::Threads;
@@ -26,6 +28,8 @@ use pace::{Pace, altitude_m, chosen_frames};
 pub struct Collected {
     /// samples of the frames, in order
     pub frames: Vec<FrameSamples>,
+    /// frames without the strobe, which are left out
+    pub unlit: Option<Unlit>,
     /// matched keypoints
     pub pairs: Vec<MatchedPair>,
     /// mean frames, where the method needs them
@@ -49,6 +53,9 @@ pub struct PassOne<'p> {
     pub progress: &'p dyn Progress,
 }
 
+/// Frames in a row that are examined for two kinds.
+const PROBED_FRAMES: usize = 12;
+
 /// Memory that frames reuse.
 #[derive(Default)]
 struct Buffers {
@@ -70,7 +77,10 @@ impl PassOne<'_> {
             let is_all = session.survey.frames.is_empty();
             return Ok(Collected { is_all, ..Collected::default() });
         }
-        let pace = Pace::of(session, self.max_frames);
+        let mut pace = Pace::of(session, self.max_frames);
+        if pace.step.is_multiple_of(2) && self.has_two_kinds()? {
+            pace = pace.odd();
+        }
         let (chosen, coarsest_m) = self.choose(pace);
         let mut collected = Collected {
             is_all: chosen.len() == session.survey.frames.len(),
@@ -106,11 +116,34 @@ impl PassOne<'_> {
         progress.end();
         // They come in the order of the file; neighbours are neighbours in time.
         collected.frames.sort_by_key(|samples| samples.frame);
+        collected.unlit = Unlit::among(&collected.frames);
+        if let Some(unlit) = collected.unlit {
+            collected.frames.retain(|samples| !unlit.has(samples));
+        }
         if with_keypoints {
             let run = (threads, progress);
             collected.pairs = pairs::matched(&collected.frames, session, config, pace, run)?;
         }
         Ok(collected)
+    }
+
+    /// Whether frames that follow each other are of two kinds, lit by the strobe and not.
+    fn has_two_kinds(&self) -> Result<bool> {
+        let frames = &self.session.survey.frames;
+        let ids = frames.iter().skip(frames.len() / 2).take(PROBED_FRAMES).map(|f| f.id).collect();
+        let brightness = |message: Message| {
+            let image = self.session.read(&message).ok()?;
+            let frame = self.session.frame(&image, Vec::new()).ok()?;
+            Some((image.at.stamp, frame.pixels.brightness()))
+        };
+        let mut known = Vec::new();
+        self.session.for_frames(&ids, self.threads, brightness, |found| {
+            known.extend(found);
+            Ok(())
+        })?;
+        known.sort_by_key(|(stamp, _)| *stamp);
+        let log_light: Vec<f64> = known.iter().map(|(_, light)| light.max(1e-9).ln()).collect();
+        Ok(two_kinds(&log_light).is_some())
     }
 
     /// The chosen frames with their numbers; and the metres of seafloor, times the focal length,

@@ -77,6 +77,11 @@ impl Pace {
         Self { step, spacing: (apart / step).max(1) }
     }
 
+    /// A step that meets both kinds of frames of a camera that lights every other one.
+    pub fn odd(self) -> Self {
+        Self { step: self.step - usize::from(self.step.is_multiple_of(2)), ..self }
+    }
+
     pub fn of(session: &CameraSession, max_frames: usize) -> Self {
         let frames = &session.survey.frames;
         let mut stamps: Vec<i64> = frames.iter().map(|f| f.stamp.0).collect();

@@ -100,10 +100,11 @@ impl CameraSurvey {
             let facts = checks::clock(channel, &stamps).into_iter();
             diagnostics.extend(facts.map(|fact| Diagnostic::on(&self.topic, fact)));
         }
+        diagnostics.extend(self.processed_before());
     }
 
     /// A warning where the topic's name shows that the images have been processed.
-    pub fn processed_before(&self) -> Option<Diagnostic> {
+    fn processed_before(&self) -> Option<Diagnostic> {
         let name = self.topic.to_lowercase();
         let is_processed = ["dehaz", "enhanc", "clahe", "correct"].iter().any(|w| name.contains(w));
         is_processed.then(|| Diagnostic::on(&self.topic, CameraFact::AlreadyProcessed))

@@ -79,6 +79,8 @@ pub struct Survey {
     pub attitude_topic: Option<String>,
     /// tilts of planes that are assumed level, by a model
     pub tilts: Option<Tilts>,
+    /// mean light below which a frame was taken without the strobe, by a model
+    pub unlit_below: Option<f64>,
     /// pings and attitude
     pub pings: SeafloorEstimator,
     /// vignetting and black level, by the rig file and by a model
@@ -208,8 +210,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let ranges = RangeSurvey::new(log, options, &mut diagnostics)?;
     camera.check(log, &mut diagnostics);
     ranges.check(&mut diagnostics);
-    let unread = unreadable_channels(log).chain(camera.processed_before());
-    diagnostics.extend(offsets_of_unknown(log, options).chain(unread));
+    diagnostics.extend(offsets_of_unknown(log, options).chain(unreadable_channels(log)));
     let followed = rig_file.camera.mount.is_none().then(|| ranges.frame_id());
     let mut mounts = Mounts::followed_from(log, &camera.frame_id, followed);
     let body_frame = mounts.root(&camera.frame_id).0;
@@ -238,6 +239,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         frames,
         numbers,
         tilts: None,
+        unlit_below: None,
         camera_offset_s: camera.offset_s,
         camera_frame: camera.frame_id,
         camera_info: camera.camera_info,

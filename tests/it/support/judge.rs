@@ -43,26 +43,31 @@ pub fn assert_within(what: &str, measured: f64, bound: f64) {
 }
 
 /// Renders, corrects (16-bit PNG) and compares.
-pub fn run(dive: &Dive, options: &Options, folder: &Path) -> (Verdict, Truth) {
-    let (verdict, truth, _) = run_and_show(dive, options, folder);
-    (verdict, truth)
-}
-
-/// The same, and the corrected images.
 pub fn run_and_show(
     dive: &Dive,
     options: &Options,
     folder: &Path,
 ) -> (Verdict, Truth, Vec<LinearImage>) {
+    let truth = dive.write(&folder.join("dive.mcap"));
+    let (verdict, images) = corrected(dive, &truth, options, folder);
+    (verdict, truth, images)
+}
+
+/// Corrects the dive that was written to the folder, and compares.
+pub fn corrected(
+    dive: &Dive,
+    truth: &Truth,
+    options: &Options,
+    folder: &Path,
+) -> (Verdict, Vec<LinearImage>) {
     let (input, output) = (folder.join("dive.mcap"), folder.join("dive.corrected.mcap"));
-    let truth = dive.write(&input);
     let mut options = options.clone();
     options.force = true;
     options.config.render.depth = 16;
     let (report, model) =
         correct(&input, &output, None, &options, &Silent).expect("a corrected log");
     let images = images(&output, &report.corrected_topic);
-    (verdict(&truth, dive, &images, model, report), truth, images)
+    (verdict(truth, dive, &images, model, report), images)
 }
 
 /// Pass two alone over the dive that `run` left in the folder: its images by another method or in

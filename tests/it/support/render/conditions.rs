@@ -77,6 +77,8 @@ pub struct Conditions {
     pub auto_white_balance: f64,
     /// standard deviation of the strobe's energy over the frames
     pub strobe_flicker: f64,
+    /// the strobe's energy in every other frame; 0 where it does not fire
+    pub every_other_energy: Option<f64>,
     /// added by the sensor to every pixel value, as a share of full scale
     pub black_level: f64,
     /// 12-bit values are truncated, not rounded
@@ -142,8 +144,11 @@ impl Settings {
 }
 
 impl Conditions {
-    /// The strobe's energy in each frame, 1 in the mean.
+    /// The strobe's energy in each frame, 1 in the mean of those with full energy.
     pub fn strobe_energy(&self, seed: u64, frame: usize) -> f64 {
+        if let Some(energy) = self.every_other_energy.filter(|_| frame % 2 == 1) {
+            return energy;
+        }
         let draw = gaussian(hash(seed, 0xf11c, frame as i64));
         (1.0 + self.strobe_flicker * draw).max(0.0)
     }
