@@ -191,7 +191,8 @@ fn the_parts_of_a_recording_are_one_dive() {
     let all: Vec<Record> = parts.iter().flat_map(|part| records(part)).collect();
     write(&whole, &all);
     let run = |inputs: &[&str], out: &Path| {
-        let ran = unwater(&[&["correct"], inputs, &["-o", text(out)]].concat());
+        let as_given = ["--self-calibration", "off", "-o", text(out)];
+        let ran = unwater(&[&["correct"], inputs, &as_given].concat());
         assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
         by_topic(out)
     };
@@ -399,7 +400,8 @@ fn stills_and_a_table_become_a_log() {
     let document: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
     assert_eq!(ran.status.code(), Some(0), "{document}");
     let out = of("again.mcap");
-    let ran = unwater(&["correct", text(&log), "-o", text(&out), "--json"]);
+    let as_given = ["--self-calibration", "off", "--json"];
+    let ran = unwater(&[&["correct", text(&log), "-o", text(&out)], &as_given[..]].concat());
     let report: serde_json::Value = serde_json::from_slice(&ran.stdout).unwrap();
     assert_eq!(report["corrected"], 20, "{}", stderr(&ran));
     let altitudes: Vec<f64> =

@@ -99,18 +99,20 @@ fn merged<T: PartialEq>(
     own: BTreeMap<u16, T>,
     all: &mut BTreeMap<u16, T>,
 ) -> Option<BTreeMap<u16, u16>> {
-    let (mut ids, mut used) = (BTreeMap::new(), BTreeSet::new());
+    // Those of other files, which are shared once.
+    let mut shared: BTreeSet<u16> = all.keys().copied().collect();
+    let mut ids = BTreeMap::new();
     for (id, thing) in own {
-        let is_equal = |(known, other): &(&u16, &T)| !used.contains(*known) && **other == thing;
-        let same = all.get_key_value(&id).filter(is_equal);
-        let known = same.or_else(|| all.iter().find(is_equal)).map(|(known, _)| *known);
+        let is_equal = |known: &&u16| all.get(known).is_some_and(|other| *other == thing);
+        let same = shared.get(&id).filter(is_equal);
+        let known = same.or_else(|| shared.iter().find(is_equal)).copied();
         let new = match known {
             Some(known) => known,
             None if !all.contains_key(&id) => id,
             None => free_id(all)?,
         };
         all.entry(new).or_insert(thing);
-        used.insert(new);
+        shared.remove(&new);
         ids.insert(id, new);
     }
     Some(ids)
