@@ -24,6 +24,9 @@ const REACH: usize = 2;
 /// seafloor's, and from which it is other light's.
 const LIKELY: f64 = 0.9;
 const UNLIKELY: f64 = 1.4;
+/// The same where a lamp failed: light reaches the seafloor by other ways through the water.
+const LIKELY_WITHOUT_LAMP: f64 = 0.15;
+const UNLIKELY_WITHOUT_LAMP: f64 = 0.4;
 
 /// Mean light of cells, without vignetting and the bands' own gains.
 pub struct LightMap {
@@ -33,6 +36,8 @@ pub struct LightMap {
     cells: Vec<Bands>,
     /// mean of the cells about each
     parts: Vec<Bands>,
+    /// distances of log colour, see `LIKELY`
+    likely: (f64, f64),
 }
 
 impl LightMap {
@@ -71,7 +76,13 @@ impl LightMap {
 
     fn of_cells(size: (usize, usize), shape: (usize, usize), cells: Vec<Bands>) -> Self {
         let parts = (0..cells.len()).map(|i| about(&cells, shape.0, i)).collect();
-        Self { size, shape, cells, parts }
+        Self { size, shape, cells, parts, likely: (LIKELY, UNLIKELY) }
+    }
+
+    /// Of a frame in which a lamp failed.
+    #[must_use]
+    pub fn without_lamp(self) -> Self {
+        Self { likely: (LIKELY_WITHOUT_LAMP, UNLIKELY_WITHOUT_LAMP), ..self }
     }
 
     /// Share of its colour that a pixel keeps, by the light that is predicted there.
@@ -95,7 +106,8 @@ impl LightMap {
         let share = sum / predicted.iter().sum::<f64>().max(1e-12);
         let ratio = |b: usize| (part[b].max(1e-9) / predicted[b].max(1e-9)).ln();
         let off = (ratio(0) - ratio(1)).abs().max((ratio(2) - ratio(1)).abs());
-        (step((share - UNLIT) / (LIT - UNLIT)) * step((UNLIKELY - off) / (UNLIKELY - LIKELY)))
+        let (likely, unlikely) = self.likely;
+        (step((share - UNLIT) / (LIT - UNLIT)) * step((unlikely - off) / (unlikely - likely)))
             as f32
     }
 }
@@ -168,6 +180,20 @@ mod tests {
             (50..80).map(|v| map.colour_share((77.0, f64::from(v)), &predicted)).collect();
         assert!(shares.windows(2).all(|pair| pair[0] <= pair[1]), "{shares:?}");
         assert!(shares.iter().any(|s| (0.2..0.8).contains(s)), "{shares:?}");
+    }
+
+    /// A tint that an animal may have is another way through the water where a lamp failed.
+    #[test]
+    fn less_colour_is_believed_where_a_lamp_failed() {
+        let predicted = [0.2, 0.4, 0.3];
+        let mut cells = vec![predicted; COLUMNS * ROWS];
+        cells[..COLUMNS * 6].fill([0.32, 0.4, 0.3]);
+        let share = |map: &LightMap| map.colour_share((120.0, 20.0), &predicted);
+        let map = LightMap::of_cells((240, 180), (COLUMNS, ROWS), cells);
+        assert!((share(&map) - 1.0).abs() < 1e-6);
+        let map = map.without_lamp();
+        assert!(share(&map) < 1e-6);
+        assert!((map.colour_share((120.0, 150.0), &predicted) - 1.0).abs() < 1e-6);
     }
 
     /// The yellow light of another lamp is not the seafloor's, a red animal is.

@@ -178,6 +178,11 @@ impl Correction<'_> {
         let is_empirical = self.model.empirical.is_some() && self.config.method == Method::Full;
         let map = (is_empirical && bands > 1)
             .then(|| LightMap::of(codes, frame.flat_field, |y, row| frame.balance_row(y, row)));
+        let has_lamps = |map: LightMap| match frame.range_factor.is_unexplained {
+            true => map.without_lamp(),
+            false => map,
+        };
+        let map = map.map(has_lamps);
         let Frame { noise, gain, range_factor, .. } = *frame;
         let light = FrameLight { noise, gain, range_factor, map: map.as_ref() };
         let field = GainField::new(self, view, (width, height), bands, light);

@@ -120,6 +120,10 @@ facts! {
             text("the model of --beam-from is not identified: errors of its beam pattern are in \
                   this attenuation too"),
             remedy("give a model that is identified");
+        Warning "not-identified-lamps-stay" LampsStay,
+            text("the camera turns in the vehicle and the lamps do not: the beam pattern is \
+                  estimated as if they did"),
+            remedy("select a part of the log in which the camera stands still with -S and -E");
         Warning "not-identified-slope" SlopeUnknown,
             text("the range instrument sends one number in several copies: the seafloor is assumed \
                   level, and its slope shifts the answer by an unknown amount"),

@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn kinds_have_a_gap_between_them_and_a_change_of_altitude_has_none() {
-        let swing = |k: usize| -2.4 + 0.8 * (k as f64 * 0.4).sin();
+        let swing = |k: usize| -2.4 + 0.8 * (k as f64 * 0.2).sin();
         let every_other = |k: usize| if k % 2 == 1 { -4.0 } else { swing(k) };
         let below = threshold(&(0..24).map(every_other).collect::<Vec<_>>()).expect("two kinds");
         assert!((-4.0..-3.2).contains(&below), "{below}");

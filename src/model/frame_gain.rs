@@ -27,12 +27,19 @@ pub struct FrameGainFile {
     /// change of its logarithm by x and y of the image plane; none where absent
     #[serde(default, skip_serializing_if = "is_level")]
     pub range_tilt: [f64; 2],
+    /// no plane explains its light, in the empirical model
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_unexplained: bool,
 }
 
 impl FrameGainFile {
     /// The factor of its slant ranges.
     pub fn ranges(&self) -> RangeFactor {
-        RangeFactor { log_factor: self.range_factor.ln(), log_tilt: self.range_tilt }
+        RangeFactor {
+            log_factor: self.range_factor.ln(),
+            log_tilt: self.range_tilt,
+            is_unexplained: self.is_unexplained,
+        }
     }
 }
 

@@ -15,6 +15,8 @@ pub struct RangeFactor {
     pub log_factor: f64,
     /// t, by x and y of the image plane
     pub log_tilt: [f64; 2],
+    /// no plane explains the light of the frame: a lamp failed
+    pub is_unexplained: bool,
 }
 
 impl RangeFactor {

@@ -4,7 +4,7 @@
 use super::dvl_yaw::fit_model_and_yaw;
 use crate::config::SelfCalibration;
 use crate::correct::MeanFrames;
-use crate::diagnostics::{Diagnostic, MountFact, NotIdentified};
+use crate::diagnostics::{Diagnostic, Fact, MountFact, NotIdentified};
 use crate::error::Result;
 use crate::model::{GeometryFile, ModelFile, Verdict};
 use crate::parallel::Threads;
@@ -46,8 +46,12 @@ pub fn fit_model_and_joint(
     let held: Vec<CameraSession> = logs.iter().map(held).collect();
     let held_logs: Vec<&CameraSession> = held.iter().collect();
     let other = fit_model_and_yaw(&held_logs, options, threads, progress);
+    // Light of lamps that stay with the vehicle fits better, too, over a camera that is held.
+    let stay = |d: &Diagnostic| matches!(d.fact, Fact::MountFact(MountFact::LampsStay { .. }));
+    let lamps_stay = logs.iter().any(|log| log.survey.diagnostics.iter().any(stay));
+    let is_clear = !lamps_stay || other.as_ref().is_ok_and(|(model, _)| model.identified);
     let agreement = [agreement(&other), agreement(&given)];
-    if agreement[0] >= MAX_RATIO * agreement[1] {
+    if !is_clear || agreement[0] >= MAX_RATIO * agreement[1] {
         return given;
     }
     let is_replaced = mode == SelfCalibration::Auto;

@@ -17,7 +17,7 @@ use crate::session::CameraSession;
 /// Frames that are encoded to see how large they are.
 const PROBED: usize = 4;
 /// Bytes of the corrected images over those of their sources, at most.
-pub const MAX_GROWTH: f64 = 1.05;
+pub const MAX_GROWTH: f64 = 1.03;
 /// Qualities below that of the source that are probed; sizes are linear between them.
 const BELOW: [u8; 3] = [0, 10, 20];
 

@@ -8,7 +8,7 @@ use super::pooled::{Pooled, frame_gains, tilts_file};
 use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::{estimate_rendering, rendering_of};
-use crate::diagnostics::{Diagnostic, EstimateFact, Fact, NotIdentified, RangeFact};
+use crate::diagnostics::{Diagnostic, EstimateFact, Fact, MountFact, NotIdentified, RangeFact};
 use crate::error::{Error, Result};
 use crate::estimate::{
     BackscatterFit, CameraFit, CameraKnown, CameraTermsFound, Dataset, EmpiricalFit, Estimate,
@@ -62,11 +62,8 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     let rendering = exposure_of_estimate(&found, rig, (white_level, config));
     let mut diagnostics = diagnostics(&found, first, options);
     diagnostics.extend(of_logs);
-    let has_equal_beams =
-        |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
-    let is_level = first.survey.diagnostics.iter().any(has_equal_beams);
-    let slope = is_level.then_some(NotIdentified::SlopeUnknown);
-    let not_identified = found.estimate.not_identified.clone().or(slope);
+    // The cause comes before what it does to the estimate.
+    let not_identified = unknown(first).or_else(|| found.estimate.not_identified.clone());
     let setting = |f: &FollowedSetting| {
         let SettingSeries { topic, name, .. } = first.survey.settings[f.index].clone();
         LightSettingFile { topic, name, law: f.law, reference: f.reference }
@@ -92,6 +89,16 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
         ..file_of(found.estimate, rendering, inputs, config)
     };
     Ok(file.with_diagnostics(diagnostics, not_identified))
+}
+
+/// What of the survey leaves attenuation undetermined, whatever the estimate says.
+fn unknown(CameraSession { survey, .. }: &CameraSession) -> Option<NotIdentified> {
+    let moves = survey.rig.camera_motion.is_some();
+    survey.diagnostics.iter().find_map(|d| match d.fact {
+        Fact::RangeFact(RangeFact::EqualBeams { .. }) => Some(NotIdentified::SlopeUnknown),
+        Fact::MountFact(MountFact::LampsStay { .. }) if moves => Some(NotIdentified::LampsStay),
+        _ => None,
+    })
 }
 
 /// Log of gain and of range factor per frame.

@@ -133,6 +133,7 @@ pub fn frame_gains(
                 balance: (!is_even).then(|| log_gain.map(|gain| (gain - mean).exp())),
                 range_factor: ranges.log_factor.exp(),
                 range_tilt: ranges.log_tilt,
+                is_unexplained: ranges.is_unexplained,
             }
         })
         .collect()

@@ -130,6 +130,12 @@ fn a_camera_on_a_servo_is_followed() {
     assert_near("servo", &v, &bounds);
     let has = |code: &str| v.report.diagnostics.iter().any(|d| d.code() == code);
     assert!(has("joint-followed") && !has("joint-contradicted"), "{:?}", v.report.diagnostics);
+    // Lamps beside the servo turn in the image.
+    let conditions = Conditions { lamps_stay: true, ..dive.conditions.clone() };
+    let (v, _) = judged(&Dive { conditions, ..dive }, &Options::default());
+    println!("measured lamps that stay: {:.4?}", v.attenuation_error_per_m);
+    let reason = v.model.not_identified_because.unwrap_or_default();
+    assert!(reason.contains("the lamps do not"), "{reason}");
 }
 
 /// A dozen consecutive frames of such a camera see hardly any change of altitude: frames have to be

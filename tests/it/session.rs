@@ -57,6 +57,7 @@ fn a_frame_keeps_its_gain_under_another_clock_offset() {
         balance: None,
         range_factor: 1.0,
         range_tilt: [0.0; 2],
+        is_unexplained: false,
     };
     let options = offset(&session.survey.camera_topic, 0.02);
     correct(&sample(), &output, Some(model.clone()), &options, &Silent).unwrap();
@@ -134,6 +135,7 @@ fn gains_belong_to_frames_of_their_log() {
         balance: None,
         range_factor: 1.0,
         range_tilt: [0.0; 2],
+        is_unexplained: false,
     };
     // Two frames of one stamp; a frame of another log with the identity of one of this.
     let (first, second, third) = (frame(1, 5), frame(2, 5), frame(3, 9));

@@ -118,6 +118,11 @@ impl Vehicle<'_> {
                 *pose = Transform::from_isometry(turned);
             }
         }
+        let stays = |frame: &&&str| self.mounts.stays(frame);
+        let frames: Vec<String> = lights.iter().filter(stays).map(|f| (*f).into()).collect();
+        if !frames.is_empty() {
+            diagnostics.push(MountFact::LampsStay { frames }.into());
+        }
         if mounts.len() > 1 {
             let used = mounts.len();
             diagnostics.push(MountFact::SeveralStrobes { frames: names(), used }.into());

@@ -103,6 +103,13 @@ impl<'s> Mounts<'s> {
         }
     }
 
+    /// Whether a frame sits above all joints that are followed.
+    pub fn stays(&self, frame: &str) -> bool {
+        let chain = self.chain(frame);
+        let is_moved = |joint: &&Joint| chain.iter().any(|(child, _)| *child == joint.child);
+        !self.followed.is_empty() && !self.followed.iter().any(is_moved)
+    }
+
     fn followed(&self) -> impl Iterator<Item = MountFact> + '_ {
         self.followed.iter().map(|joint| MountFact::JointFollowed {
             parent: joint.parent.clone(),

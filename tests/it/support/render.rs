@@ -387,7 +387,8 @@ impl View {
     fn new(dive: &Dive, frame: usize) -> Self {
         let t = frame as f64 / dive.frames_per_s;
         let pose = dive.pose(t);
-        let mut mount = Pose::from_parts(V3::from(CAMERA_IN_BASE).into(), base_from_camera());
+        let rest = Pose::from_parts(V3::from(CAMERA_IN_BASE).into(), base_from_camera());
+        let mut mount = rest;
         if dive.conditions.servo_deg != 0.0 {
             let servo = |deg: f64| servo(deg, t);
             mount = servo(dive.conditions.servo_deg) * servo(0.0).inverse() * mount;
@@ -405,7 +406,7 @@ impl View {
             ),
             slope: (dive.slope_deg.0.to_radians().tan(), dive.slope_deg.1.to_radians().tan()),
             relief_m: dive.relief_m,
-            lamps: dive.lamps(),
+            lamps: dive.lamps(if dive.conditions.lamps_stay { &mount } else { &rest }),
             strobe_energy: dive.conditions.strobe_energy(dive.seed, frame),
             attenuation: Bands::from(dive.attenuation_per_m)
                 * (1.0 + dive.attenuation_drift * (age - 0.5)),
@@ -876,9 +877,9 @@ impl Dive {
         }
         panic!("distortion {:?} cannot be undone at pixel ({u}, {v})", self.distortion);
     }
-    /// Strobe, second strobe and second lamp in the camera's optical frame.
-    fn lamps(&self) -> Vec<Lamp> {
-        let (camera, optical) = (V3::from(CAMERA_IN_BASE), base_from_camera());
+    /// Strobe, second strobe and second lamp in the optical frame of a camera with this mount.
+    fn lamps(&self, mount: &Pose) -> Vec<Lamp> {
+        let (camera, optical) = (mount.translation.vector, mount.rotation);
         let lamp = |at: [f64; 3], base_from_lamp: Rotation, pattern: Pattern| Lamp {
             position: optical.inverse() * (V3::from(at) - camera),
             from_optical: (base_from_lamp.inverse() * optical).to_rotation_matrix().into_inner(),
@@ -889,7 +890,7 @@ impl Dive {
             lamps.push(lamp(SECOND_STROBE_IN_BASE, base_from_strobe(), Pattern::Strobe));
         }
         if self.conditions.second_lamp != SecondLamp::None {
-            lamps.push(lamp(LAMP_IN_BASE, optical * lamp_turn(), Pattern::Lamp));
+            lamps.push(lamp(LAMP_IN_BASE, base_from_camera() * lamp_turn(), Pattern::Lamp));
         }
         lamps
     }
@@ -1149,7 +1150,10 @@ impl Dive {
         cdr.u32(mounts.len() as u32);
         for (child, at, turn) in mounts {
             let (mut parent, mut pose) = ("base_link", Pose::from_parts(V3::from(at).into(), turn));
-            if has_servo && child.ends_with("optical_frame") {
+            let is_camera = child == "camera_optical_frame";
+            let turns =
+                is_camera || child.ends_with("optical_frame") && !self.conditions.lamps_stay;
+            if has_servo && turns {
                 (parent, pose) = ("servo_link", servo(0.0, 0.0).inverse() * pose);
             }
             cdr.transform(ns, parent, child, &pose);

@@ -2,8 +2,6 @@
 //! on log light, held to the mean of the neighbouring regions, so that they are smooth over the
 //! image; and per frame a factor of all slant ranges, its tilt, and a gain where a lamp failed.
 
-use std::ops::Range;
-
 use nalgebra::{Matrix3, Vector3};
 
 use super::regions::{RegionSample, Regions, rounded};
@@ -267,14 +265,14 @@ impl<'r> Fit<'r> {
             }
             let share = (INDEPENDENT_REGIONS / samples.len().max(1) as f64).min(1.0);
             let hold = Vector3::from(RANGE_SPREAD).map(|spread| spread.powi(-2));
-            let RangeFactor { log_factor, log_tilt: [by_x, by_y] } = self.ranges[frame];
+            let RangeFactor { log_factor, log_tilt: [by_x, by_y], .. } = self.ranges[frame];
             let right = right * share - hold.component_mul(&Vector3::new(log_factor, by_x, by_y));
             let factor = (normal * share + Matrix3::from_diagonal(&hold)).cholesky();
             factor.map_or(Vector3::zeros(), |f| f.solve(&right).map(|v| v.clamp(-0.3, 0.3)))
         };
         let steps: Vec<Vector3<f64>> = self.frames.iter().map(|f| step(*f)).collect();
         for (frame, step) in self.frames.iter().zip(steps) {
-            let RangeFactor { log_factor, log_tilt } = &mut self.ranges[*frame];
+            let RangeFactor { log_factor, log_tilt, .. } = &mut self.ranges[*frame];
             *log_factor += step[0];
             (0..2).for_each(|k| log_tilt[k] += step[k + 1]);
         }
@@ -292,12 +290,30 @@ impl<'r> Fit<'r> {
     fn give_up_unexplained(&mut self, typical: f64, is_used: &dyn Fn(usize) -> bool) {
         for frame in self.frames {
             if self.left_of(*frame) > UNEXPLAINED * typical {
-                self.ranges[*frame] = RangeFactor::default();
-                for b in 0..self.regions.bands {
-                    self.log_gains[*frame][b] = self.lit_gain(*frame, b..b + 1, is_used);
-                }
+                self.ranges[*frame] =
+                    RangeFactor { is_unexplained: true, ..RangeFactor::default() };
+                self.log_gains[*frame] = self.gains_of_bands(*frame, is_used);
             }
         }
+    }
+
+    /// Log gain of a frame, and of each band over that where the light is nearest to it.
+    fn gains_of_bands(&self, frame: usize, is_used: &dyn Fn(usize) -> bool) -> Bands {
+        let (gain, bands) = (self.lit_gain(frame, is_used), self.regions.bands);
+        let gains = &self.log_gains[frame];
+        let of_sample = |s: &RegionSample| -> (f64, Bands) {
+            let log: Bands = std::array::from_fn(|b| {
+                if b < bands { self.row(frame, s, b).0 + gains[b] } else { 0.0 }
+            });
+            let mean = log[..bands].iter().sum::<f64>() / bands as f64;
+            ((mean - gain).abs(), log.map(|of_band| of_band - mean))
+        };
+        let samples = self.regions.frames[frame].iter().filter(|s| is_used(s.region));
+        let mut own: Vec<(f64, Bands)> = samples.map(of_sample).collect();
+        own.sort_by(|a, b| a.0.total_cmp(&b.0));
+        own.truncate(own.len().div_ceil(2));
+        let of_band = |b: usize| stats::median(&own.iter().map(|(_, v)| v[b]).collect::<Vec<_>>());
+        std::array::from_fn(|b| if b < bands { gain + of_band(b) } else { 0.0 })
     }
 
     /// The median frame keeps its slant ranges.
@@ -308,18 +324,20 @@ impl<'r> Fit<'r> {
         let middle = RangeFactor {
             log_factor: middle(&|r| r.log_factor),
             log_tilt: [middle(&|r| r.log_tilt[0]), middle(&|r| r.log_tilt[1])],
+            is_unexplained: false,
         };
         for frame in self.frames {
-            let RangeFactor { log_factor, log_tilt } = &mut self.ranges[*frame];
+            let RangeFactor { log_factor, log_tilt, .. } = &mut self.ranges[*frame];
             *log_factor -= middle.log_factor;
             (0..2).for_each(|k| log_tilt[k] -= middle.log_tilt[k]);
         }
     }
 
-    /// Log gain of a frame in some bands by its regions.
-    fn lit_gain(&self, frame: usize, bands: Range<usize>, is_used: &dyn Fn(usize) -> bool) -> f64 {
+    /// Log gain of a frame by its regions.
+    fn lit_gain(&self, frame: usize, is_used: &dyn Fn(usize) -> bool) -> f64 {
         let gains = &self.log_gains[frame];
-        let of_sample = |s| bands.clone().map(move |b| self.row(frame, s, b).0 + gains[b]);
+        let bands = self.regions.bands;
+        let of_sample = |s| (0..bands).map(move |b| self.row(frame, s, b).0 + gains[b]);
         let samples = self.regions.frames[frame].iter().filter(|s| is_used(s.region));
         let residuals: Vec<f64> = samples.flat_map(of_sample).collect();
         // Where one of several lamps fails, the part that is lit should be right.
@@ -329,7 +347,7 @@ impl<'r> Fit<'r> {
 
     /// Gains of the frames that stand out.
     fn find_gains(&mut self) {
-        let gain = |f: &usize| self.lit_gain(*f, 0..self.regions.bands, &|_| true);
+        let gain = |f: &usize| self.lit_gain(*f, &|_| true);
         let gains: Vec<f64> = self.frames.iter().map(gain).collect();
         let middle = stats::median(&gains);
         let off: Vec<f64> = gains.iter().map(|g| g - middle).collect();
@@ -396,7 +414,8 @@ mod tests {
         let plane = |f: usize| [wave(f, 0.7), wave(f, 1.1), 1.5 * wave(f, 1.9)];
         let frame = |f: usize| -> Vec<RegionSample> {
             let [log_factor, by_x, by_y] = plane(f);
-            let truth = RangeFactor { log_factor, log_tilt: [by_x, by_y] };
+            let truth =
+                RangeFactor { log_factor, log_tilt: [by_x, by_y], ..RangeFactor::default() };
             let of_region = |region: usize| {
                 let (x, y) = grid.centre(region);
                 let range_m = (2.0 + 0.8 * (f as f64 * 0.37).sin()) * (1.0 - 0.2 * y);
