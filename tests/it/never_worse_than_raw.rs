@@ -163,3 +163,14 @@ fn frames_without_strobe_are_left_out_and_stay_as_they_are() {
     let (dimmed, _) = estimate_logs(&[&path], &Options::default(), &Silent).unwrap();
     assert_eq!((dimmed.inputs[0].unlit_below, dimmed.inputs[0].frames), (None, 24));
 }
+
+#[test]
+fn the_empirical_estimator_is_used_where_attenuation_is_identified_if_asked_for() {
+    let sample = crate::support::edited::sample();
+    let mut options = Options::default();
+    let model = |options: &Options| estimate_logs(&[&sample], options, &Silent).unwrap().0;
+    assert!(model(&options).empirical.is_none());
+    options.config.estimate.estimator = Estimator::Empirical;
+    let asked = model(&options);
+    assert!(asked.empirical.is_some() && !asked.identified, "{:?}", asked.verdict);
+}
