@@ -176,13 +176,11 @@ impl Correction<'_> {
         let is_baseline = self.config.method.is_baseline();
         let white = tone(self.config, self.rendering).white() as f32;
         let is_empirical = self.model.empirical.is_some() && self.config.method == Method::Full;
-        let map = (is_empirical && bands > 1)
-            .then(|| LightMap::of(codes, frame.flat_field, |y, row| frame.balance_row(y, row)));
-        let has_lamps = |map: LightMap| match frame.range_factor.is_unexplained {
-            true => map.without_lamp(),
-            false => map,
-        };
-        let map = map.map(has_lamps);
+        let map = (is_empirical && bands > 1).then(|| {
+            let balance = |y: usize, row: &mut [f32]| frame.balance_row(y, row);
+            let map = LightMap::of(codes, frame.flat_field, balance);
+            if frame.range_factor.is_unexplained { map.without_lamp() } else { map }
+        });
         let Frame { noise, gain, range_factor, .. } = *frame;
         let light = FrameLight { noise, gain, range_factor, map: map.as_ref() };
         let field = GainField::new(self, view, (width, height), bands, light);

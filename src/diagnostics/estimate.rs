@@ -27,9 +27,9 @@ facts! {
                   they are compensated"),
             remedy("nothing has to be done; check the charging or the trigger of the strobe");
         Info "frames-without-strobe" UnlitFrames { frames: usize, of: usize, ratio: f64 },
-            text("{frames} of {of} frames were taken without the strobe: they take turns with \
-                  others, {ratio:.1} times as bright, and do not show its beam pattern; they are \
-                  left out of the estimate and stay as they are");
+            text("{frames} of {of} frames were taken without the strobe, or by another lamp: they \
+                  take turns with others, {ratio:.1} times as bright, and do not show the pattern \
+                  of their light; they are left out of the estimate and stay as they are");
         Info "drop-outs-of-other-logs" GainsOfOtherLogs { frames: usize },
             text("drop-outs of {frames} frames in the model are of other logs and not used"),
             remedy("strobe drop-outs of this log are compensated by a model estimated from it");

@@ -27,7 +27,7 @@ facts! {
                   {rotation_deg:.1}°; it is followed frame by frame, and lamps are taken to turn \
                   with the camera");
         Info "lamps-stay" LampsStay { frames: Vec<String> },
-            text("{} stays with the vehicle while the camera turns in it", frames.join(", "));
+            text("lamps that stay as they are while the camera turns: {}", frames.join(", "));
         Warning "joint-contradicted" JointContradicted { agreement: [f64; 2] },
             text("by the images the camera does not move as the joint does that it sits on \
                   (agreement of the same point {:.2} with the joint held still, {:.2} as it is \

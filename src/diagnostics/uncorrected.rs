@@ -17,7 +17,8 @@ facts! {
             text("the image is dark"),
             remedy("check that the strobe fires with every image, within reach of the seafloor");
         Info "image-without-strobe" Unlit,
-            text("the image was taken without the strobe, as others in turns with it");
+            text("the image was taken without the strobe, or by another lamp, in turns with \
+                  others");
         Loss "no-ping" NoPing,
             text("no range to the seafloor near enough in time"),
             remedy("name another instrument with --dvl TOPIC, or allow a longer gap with \

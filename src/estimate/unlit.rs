@@ -1,6 +1,6 @@
 //! Frames without the strobe between frames with it: some cameras take every other image by
 //! daylight alone. They are recognised as a second kind, which is darker, takes turns with the
-//! first, and shows nothing of the strobe's beam pattern; frames of another gain show it.
+//! first, and does not show the pattern of its light; frames of another gain show it.
 
 use std::collections::BTreeMap;
 
@@ -15,8 +15,12 @@ const MIN_GAP: f64 = 0.7;
 const MIN_GAP_RATIO: f64 = 2.0;
 /// Smallest share of frames that are followed by one of the other kind.
 const MIN_TURNS: f64 = 0.3;
-/// Smallest spread over the image of the log ratio of both kinds.
-const MIN_PATTERN: f64 = 0.25;
+/// Darker frames are black (share of full scale).
+const LEAST_LIGHT: f64 = 1e-9;
+/// Smallest spread over the image of the log ratio of both kinds, and over that of the brighter
+/// kind. A wrong transfer curve bends the pattern of another gain by a third.
+const MIN_RATIO_SPREAD: f64 = 0.1;
+const MIN_PATTERN_SHARE: f64 = 0.5;
 
 /// Frames without the strobe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,42 +34,62 @@ pub struct Unlit {
 }
 
 /// Mean light over the bands of a frame, as the camera gave it.
-fn log_light(frame: &FrameSamples) -> f64 {
-    let bands = &frame.mean_reading[..frame.bands];
-    (bands.iter().sum::<f64>() / bands.len() as f64).max(1e-9).ln()
+fn brightness(frame: &FrameSamples) -> f64 {
+    frame.mean_reading[..frame.bands].iter().sum::<f64>() / frame.bands as f64
 }
 
 impl Unlit {
     /// Of the frames of a log, in the order of time. `None` where all are of one kind.
     pub fn among(frames: &[FrameSamples]) -> Option<Self> {
-        let light: Vec<f64> = frames.iter().map(log_light).collect();
+        let light: Vec<f64> = frames.iter().map(brightness).collect();
         let below = two_kinds(&light)?;
-        let is_unlit = |light: &f64| *light < below;
-        let (unlit, lit): (Vec<f64>, Vec<f64>) = light.iter().copied().partition(is_unlit);
-        let found = Self {
-            below: below.exp(),
-            frames: unlit.len(),
-            ratio: (stats::median(&lit) - stats::median(&unlit)).exp(),
-        };
-        (pattern(frames, &found) >= MIN_PATTERN).then_some(found)
+        let (unlit, lit): (Vec<f64>, Vec<f64>) = light.iter().partition(|light| **light < below);
+        let ratio = stats::median(&lit) / stats::median(&unlit).max(LEAST_LIGHT);
+        let found = Self { below, frames: unlit.len(), ratio };
+        found.has_other_pattern(frames).then_some(found)
     }
 
     /// Whether a frame is one of them.
     pub fn has(&self, frame: &FrameSamples) -> bool {
-        log_light(frame) < self.below.ln()
+        brightness(frame) < self.below
+    }
+
+    /// Whether the pattern of light over the image is another one than that of the brighter kind.
+    fn has_other_pattern(&self, frames: &[FrameSamples]) -> bool {
+        let mut cells: BTreeMap<u32, [(f64, f64); 2]> = BTreeMap::new();
+        for frame in frames {
+            let kind = usize::from(self.has(frame));
+            for (cell, sample) in frame.grid.iter().chain(&frame.dark) {
+                let bands = sample.log_color[..frame.bands].iter();
+                let mean = bands.map(|v| f64::from(*v)).sum::<f64>() / frame.bands as f64;
+                if mean.is_finite() {
+                    let (sum, count) = &mut cells.entry(*cell).or_default()[kind];
+                    (*sum, *count) = (*sum + mean, *count + 1.0);
+                }
+            }
+        }
+        let means = |kinds: &[(f64, f64); 2]| kinds.map(|(sum, count)| sum / count);
+        let known = cells.values().map(means).filter(|[lit, unlit]| (lit - unlit).is_finite());
+        let (lit, ratio): (Vec<f64>, Vec<f64>) =
+            known.map(|[lit, unlit]| (lit, lit - unlit)).unzip();
+        let [lit, ratio] = [lit, ratio].map(|values| {
+            let middle = stats::median(&values);
+            stats::robust_std(&values.iter().map(|v| v - middle).collect::<Vec<_>>())
+        });
+        ratio >= MIN_RATIO_SPREAD.max(MIN_PATTERN_SHARE * lit)
     }
 }
 
-/// Log light between two kinds of frames that take turns.
-pub fn two_kinds(log_light: &[f64]) -> Option<f64> {
-    let below = threshold(log_light)?;
-    let turns = log_light.windows(2).filter(|w| (w[0] < below) != (w[1] < below)).count();
-    (turns as f64 >= MIN_TURNS * (log_light.len() - 1) as f64).then_some(below)
+/// Light between two kinds of frames that take turns.
+pub fn two_kinds(light: &[f64]) -> Option<f64> {
+    let below = threshold(light)?;
+    let turns = light.windows(2).filter(|w| (w[0] < below) != (w[1] < below)).count();
+    (turns as f64 >= MIN_TURNS * (light.len() - 1) as f64).then_some(below)
 }
 
 /// Middle of the gap between two kinds.
-fn threshold(log_light: &[f64]) -> Option<f64> {
-    let mut sorted = log_light.to_vec();
+fn threshold(light: &[f64]) -> Option<f64> {
+    let mut sorted: Vec<f64> = light.iter().map(|light| light.max(LEAST_LIGHT).ln()).collect();
     sorted.sort_by(f64::total_cmp);
     if sorted.len() < MIN_FRAMES {
         return None;
@@ -77,28 +101,7 @@ fn threshold(log_light: &[f64]) -> Option<f64> {
     let smaller = (at + 1).min(sorted.len() - at - 1);
     let is_gap = gap(at) >= MIN_GAP.max(MIN_GAP_RATIO * within);
     let is_kind = smaller as f64 >= MIN_SHARE * sorted.len() as f64;
-    (is_gap && is_kind).then(|| (sorted[at] + sorted[at + 1]) / 2.0)
-}
-
-/// Spread over the image of the log ratio of the mean light of both kinds.
-fn pattern(frames: &[FrameSamples], unlit: &Unlit) -> f64 {
-    let mut cells: BTreeMap<u32, [(f64, f64); 2]> = BTreeMap::new();
-    for frame in frames {
-        let kind = usize::from(unlit.has(frame));
-        for (cell, sample) in frame.grid.iter().chain(&frame.dark) {
-            let bands = &sample.log_color[..frame.bands];
-            let known: Vec<f64> = bands.iter().map(|v| f64::from(*v)).collect();
-            let mean = known.iter().sum::<f64>() / known.len() as f64;
-            if mean.is_finite() {
-                let (sum, count) = &mut cells.entry(*cell).or_default()[kind];
-                (*sum, *count) = (*sum + mean, *count + 1.0);
-            }
-        }
-    }
-    let ratio = |[lit, unlit]: &[(f64, f64); 2]| lit.0 / lit.1 - unlit.0 / unlit.1;
-    let ratios: Vec<f64> = cells.values().map(ratio).filter(|r| r.is_finite()).collect();
-    let middle = stats::median(&ratios);
-    stats::robust_std(&ratios.iter().map(|r| r - middle).collect::<Vec<_>>())
+    (is_gap && is_kind).then(|| ((sorted[at] + sorted[at + 1]) / 2.0).exp())
 }
 
 #[cfg(test)]
@@ -107,13 +110,15 @@ mod tests {
 
     #[test]
     fn kinds_have_a_gap_between_them_and_a_change_of_altitude_has_none() {
+        let kinds = |light: &dyn Fn(usize) -> f64| {
+            two_kinds(&(0..24).map(|k| light(k).exp()).collect::<Vec<_>>())
+        };
         let swing = |k: usize| -2.4 + 0.8 * (k as f64 * 0.2).sin();
-        let every_other = |k: usize| if k % 2 == 1 { -4.0 } else { swing(k) };
-        let below = threshold(&(0..24).map(every_other).collect::<Vec<_>>()).expect("two kinds");
-        assert!((-4.0..-3.2).contains(&below), "{below}");
-        assert_eq!(threshold(&(0..24).map(swing).collect::<Vec<_>>()), None);
-        // One frame that failed is no kind.
-        let one = |k: usize| if k == 5 { -6.0 } else { swing(k) };
-        assert_eq!(threshold(&(0..24).map(one).collect::<Vec<_>>()), None);
+        let below = kinds(&|k| if k % 2 == 1 { -4.0 } else { swing(k) }).expect("two kinds");
+        assert!((-4.0..-3.2).contains(&below.ln()), "{below}");
+        assert_eq!(kinds(&swing), None);
+        // One frame that failed is no kind, and half a dive in the dark takes no turns.
+        assert_eq!(kinds(&|k| if k == 5 { -6.0 } else { swing(k) }), None);
+        assert_eq!(kinds(&|k| if k < 12 { -6.0 } else { swing(k) }), None);
     }
 }

@@ -54,6 +54,8 @@ impl ModelFile {
         self.daylight.as_ref().map_or(Ok(()), |d| daylight(d, bands))?;
         self.tilts.as_ref().map_or(Ok(()), tilts)?;
         segments(&self.segments, bands)?;
+        let unlit: Vec<f64> = self.inputs.iter().filter_map(|input| input.unlit_below).collect();
+        within("inputs.unlit_below", &unlit, POSITIVE)?;
         self.light_settings.iter().try_for_each(light_setting)?;
         self.frame_gains.iter().try_for_each(frame_gain)
     }
@@ -221,6 +223,8 @@ mod tests {
         assert_eq!(refusal("/daylight", daylight(json!([0.1, 0.0, 0.3]))), None);
         assert_eq!(refusal("/backscatter", backscatter(json!([0.1, 0.0, 0.3]))), None);
         assert_eq!(refusal("/segments", json!([node(1, 0.2), node(2, 0.3)])), None);
+        let input = json!({ "name": "a.mcap", "sha256": "", "camera_topic": "/camera",
+                            "dvl_topic": "/dvl", "frames": 20, "unlit_below": -0.1 });
         let cases = [
             ("/daylight", daylight(json!([0.1])), "daylight.strength has 1 numbers"),
             (
@@ -243,6 +247,7 @@ mod tests {
             ("/camera", json!({ "black_level": [0.1], "residual": [0.0, 0.0] }), "camera.black"),
             ("/geometry", json!({ "dvl_rotation_xyzw": [1, 1, 1, 1] }), "geometry.dvl_rotation"),
             ("/tilts", json!({ "median_deg": [0.0, 95.0], "frames": [] }), "tilts.median_deg"),
+            ("/inputs", json!([input]), "inputs.unlit_below needs numbers above 0"),
             ("/frame_gains", json!([{ "stamp_ns": 1, "gain": 0.0 }]), "frame_gains.gain"),
         ];
         for (pointer, value, expected) in cases {

@@ -1,7 +1,7 @@
 //! A camera on joints that move: a tilt servo, a gimbal, an arm.
 //!
 //! ```text
-//! vehicle_from_body(t) = T(t) · T⁻¹     T(t): mount of the camera at t; T: the mount in the rig
+//! vehicle_from_body(t) = T(t) T⁻¹    T(t): mount of the camera at t; T: that in the rig
 //! ```
 //!
 //! Body coordinates stay fixed to the camera, so that all that is derived from images (light paths,

@@ -128,6 +128,10 @@ fn a_camera_on_a_servo_is_followed() {
         reflectance: &[0.0273, 0.0135, 0.0203],
     };
     assert_near("servo", &v, &bounds);
+    // An attitude sensor beside the camera turns with it.
+    let conditions = Conditions { imu_on_servo: true, ..dive.conditions.clone() };
+    let (beside, _) = judged(&Dive { conditions, ..dive.clone() }, &Options::default());
+    assert_near("servo with attitude", &beside, &bounds);
     let has = |code: &str| v.report.diagnostics.iter().any(|d| d.code() == code);
     assert!(has("joint-followed") && !has("joint-contradicted"), "{:?}", v.report.diagnostics);
     // Lamps beside the servo turn in the image.

@@ -213,12 +213,17 @@ fn lamps_of_unlike_patterns_are_corrected() {
 /// What the log does not tell apart must show.
 #[test]
 fn a_confident_wrong_number_is_not_given() {
+    use crate::support::render::conditions::SecondLamp;
+    let lamp = Conditions { second_lamp: SecondLamp::Unlisted, ..Conditions::default() };
     // Exposure and tilts at once.
     let metered = Conditions { auto_exposure: 0.8, ..Conditions::default() };
     let without_imu = Dive { dvl: DvlType::Altimeter, with_imu: false, ..dive(211, metered) };
-    let (v, _) = judged(&without_imu, &Options::default());
-    let z = v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m);
-    let z = z.map(|(error, std)| error.abs() / std).fold(0.0, f64::max);
-    println!("measured: identified {}, z {z:.1}", v.model.identified);
-    assert!(!v.model.identified || z < 3.0, "{:.4?}", v.attenuation_error_per_m);
+    let dives = [("second lamp", dive(212, lamp)), ("no attitude", without_imu)];
+    for (what, dive) in dives {
+        let (v, _) = judged(&dive, &Options::default());
+        let z = v.attenuation_error_per_m.iter().zip(&v.attenuation_std_per_m);
+        let z = z.map(|(error, std)| error.abs() / std).fold(0.0, f64::max);
+        println!("measured {what}: identified {}, z {z:.1}", v.model.identified);
+        assert!(!v.model.identified || z < 3.0, "{what}: {:.4?}", v.attenuation_error_per_m);
+    }
 }

@@ -142,8 +142,7 @@ impl PassOne<'_> {
             Ok(())
         })?;
         known.sort_by_key(|(stamp, _)| *stamp);
-        let log_light: Vec<f64> = known.iter().map(|(_, light)| light.max(1e-9).ln()).collect();
-        Ok(two_kinds(&log_light).is_some())
+        Ok(two_kinds(&known.iter().map(|(_, light)| *light).collect::<Vec<_>>()).is_some())
     }
 
     /// The chosen frames with their numbers; and the metres of seafloor, times the focal length,

@@ -7,7 +7,7 @@ use super::clocks::Clocks;
 use super::mounts::Mounts;
 use crate::config::SeafloorConfig;
 use crate::diagnostics::{Diagnostic, MountFact};
-use crate::vehicle::AttitudeTrack;
+use crate::vehicle::{AttitudeTrack, CameraMotion};
 
 /// Search for the attitude of a log.
 pub struct Search<'s> {
@@ -15,6 +15,7 @@ pub struct Search<'s> {
     pub mounts: &'s Mounts<'s>,
     pub body_frame: &'s str,
     pub clocks: Clocks<'s>,
+    pub motion: Option<&'s CameraMotion>,
 }
 
 impl Search<'_> {
@@ -24,7 +25,7 @@ impl Search<'_> {
         config: &SeafloorConfig,
         diagnostics: &mut Vec<Diagnostic>,
     ) -> (Option<String>, AttitudeTrack) {
-        let Self { log, mounts, body_frame, clocks } = *self;
+        let Self { log, mounts, body_frame, clocks, motion } = *self;
         let mut topics: BTreeMap<String, (u64, Vec<u16>)> = BTreeMap::new();
         for (id, channel) in &log.index.channels {
             let readings = log.readings.of(*id);
@@ -54,11 +55,17 @@ impl Search<'_> {
                     nalgebra::UnitQuaternion::identity()
                 }
             };
+            // A sensor beside a camera that moves in the vehicle.
+            let motion = motion.filter(|_| mounts.turns(&channel.frame_id));
             let is_cameras = clocks.is_cameras(channel.clock_offset_s);
             let of_channel = log.readings.of(*id).attitudes.iter();
             samples.extend(of_channel.map(|(stamp, logged, rotation)| {
                 let stamp = if is_cameras { *stamp } else { clocks.on_camera_clock(*logged) };
-                (stamp.plus_seconds(offset_s), rotation * sensor_from_body)
+                let stamp = stamp.plus_seconds(offset_s);
+                let world_from_body = rotation * sensor_from_body;
+                let body_from_vehicle =
+                    motion.map(|m| m.vehicle_from_body(stamp).rotation.inverse());
+                (stamp, body_from_vehicle.map_or(world_from_body, |pose| world_from_body * pose))
             }));
         }
         (Some(topic), AttitudeTrack::new(samples, config.max_attitude_gap_s))

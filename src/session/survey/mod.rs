@@ -211,8 +211,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     camera.check(log, &mut diagnostics);
     ranges.check(&mut diagnostics);
     diagnostics.extend(offsets_of_unknown(log, options).chain(unreadable_channels(log)));
-    let followed = rig_file.camera.mount.is_none().then(|| ranges.frame_id());
-    let mut mounts = Mounts::followed_from(log, &camera.frame_id, followed);
+    let mut mounts = Mounts::followed(log, rig_file, [&camera.frame_id, ranges.frame_id()]);
     let body_frame = mounts.root(&camera.frame_id).0;
     let given = (rig_file, log.recording.path());
     let body_from_dvl = ranges.mount((&mounts, &body_frame), &camera, given, &mut diagnostics)?;
@@ -225,7 +224,8 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
     let body_from_optical = view_check::checked_mount(&mounted, measured, &mut diagnostics)?;
     let vehicle = lights::Vehicle { mounts: &mounts, body_frame: &body_frame, body_from_optical };
     let strobe = strobe_mount(&vehicle, options, &mut diagnostics)?;
-    let attitude = attitude::Search { log, mounts: &mounts, body_frame: &body_frame, clocks };
+    let (mounts, motion) = (&mounts, camera_motion.as_ref());
+    let attitude = attitude::Search { log, mounts, body_frame: &body_frame, clocks, motion };
     let (attitude_topic, attitude) = attitude.run(&options.config.seafloor, &mut diagnostics);
     let calibration = camera.calibration;
     let rig = Rig { camera: calibration, body_from_optical, body_from_dvl, strobe, camera_motion };

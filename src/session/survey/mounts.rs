@@ -8,7 +8,7 @@ use super::super::joints::Joint;
 use super::super::log::Log;
 use crate::diagnostics::{Diagnostic, MountFact};
 use crate::error::MountGap;
-use crate::vehicle::{CameraMotion, Link};
+use crate::vehicle::{CameraMotion, Link, RigFile};
 
 /// Larger than any vehicle; a larger distance was probably meant in millimetres (m).
 const MAX_DISTANCE_M: f64 = 50.0;
@@ -55,10 +55,13 @@ impl<'s> Mounts<'s> {
         self.edges.entry(&joint.child).or_insert((&joint.parent, pose));
     }
 
-    /// As [`Mounts::new`], with the joints that move between the camera's frame and another.
-    pub fn followed_from(log: &'s Log, camera_frame: &str, other: Option<&str>) -> Self {
+    /// As [`Mounts::new`], with the joints that move between the camera's frame and another, where
+    /// the rig file does not hold the camera.
+    pub fn followed(log: &'s Log, rig_file: &RigFile, [camera, other]: [&str; 2]) -> Self {
         let mut mounts = Self::new(log);
-        other.into_iter().for_each(|other| mounts.follow(camera_frame, other));
+        if rig_file.camera.mount.is_none() {
+            mounts.follow(camera, other);
+        }
         mounts
     }
 
@@ -103,14 +106,18 @@ impl<'s> Mounts<'s> {
         }
     }
 
-    /// Whether a frame sits above all joints that are followed.
-    pub fn stays(&self, frame: &str) -> bool {
+    /// Whether a frame sits below a joint that is followed.
+    pub fn turns(&self, frame: &str) -> bool {
         let chain = self.chain(frame);
-        let is_moved = |joint: &&Joint| chain.iter().any(|(child, _)| *child == joint.child);
-        !self.followed.is_empty() && !self.followed.iter().any(is_moved)
+        self.followed.iter().any(|joint| chain.iter().any(|(child, _)| *child == joint.child))
     }
 
-    fn followed(&self) -> impl Iterator<Item = MountFact> + '_ {
+    /// Whether joints are followed, and a frame does not sit below them.
+    pub fn stays(&self, frame: &str) -> bool {
+        !self.followed.is_empty() && !self.turns(frame)
+    }
+
+    fn facts(&self) -> impl Iterator<Item = MountFact> + '_ {
         self.followed.iter().map(|joint| MountFact::JointFollowed {
             parent: joint.parent.clone(),
             child: joint.child.clone(),
@@ -165,7 +172,7 @@ impl<'s> Mounts<'s> {
     /// What is doubtful of the mounts of these frames, and which joints are followed.
     pub fn doubts(&self, frames: &[&str]) -> Vec<Diagnostic> {
         let doubts = self.conflicts(frames).into_iter().chain(self.placeholders(frames));
-        doubts.chain(self.followed()).map(Diagnostic::from).collect()
+        doubts.chain(self.facts()).map(Diagnostic::from).collect()
     }
 
     /// Mounts of these frames, or of those above them, that the log states twice and differently.

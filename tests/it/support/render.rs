@@ -1114,8 +1114,11 @@ impl Dive {
         let error =
             V3::from([0, 1, 2].map(|axis| gaussian(hash(self.seed, n as u64, 0x1300 + axis))));
         let sigma = if self.noise { ATTITUDE_NOISE_RAD } else { 0.0 };
-        let attitude = (now.1 * Rotation::from_scaled_axis(error * sigma)).coords;
-        let mut cdr = Cdr::headed(ns, "base_link");
+        let on_servo = self.conditions.imu_on_servo;
+        let deg = if on_servo { self.conditions.servo_deg } else { 0.0 };
+        let sensor = now.1 * servo(deg, t).rotation;
+        let attitude = (sensor * Rotation::from_scaled_axis(error * sigma)).coords;
+        let mut cdr = Cdr::headed(ns, if on_servo { "servo_link" } else { "base_link" });
         cdr.f64s(attitude.as_slice()).f64s(&diagonal(ATTITUDE_NOISE_RAD.powi(2)));
         cdr.f64s(rate.as_slice())
             .f64s(&diagonal(1e-6))

@@ -90,6 +90,8 @@ pub struct Conditions {
     pub strobe_mount_error_m: [f64; 3],
     /// amplitude by which a servo pitches camera and lamps together about `SERVO_IN_BASE`; on /tf
     pub servo_deg: f64,
+    /// the attitude sensor sits on the servo
+    pub imu_on_servo: bool,
     /// the servo holds the camera alone
     pub lamps_stay: bool,
     /// by how much the stamps of images are late
