@@ -9,6 +9,7 @@ pub mod decode;
 pub mod demosaic;
 pub mod encode;
 mod encoding;
+pub mod exif;
 pub mod flat_field;
 pub mod jpeg_header;
 mod jpeg_tables;

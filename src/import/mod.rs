@@ -4,8 +4,9 @@
 //! messages at the time of each image. The vehicle's axes are forward, right, down; the camera
 //! looks down with the top of its images forward, until a rig file says otherwise.
 //!
-//! The files depend on each other in this order: `table`, `row`.
+//! The files depend on each other in this order: `table`, `row`, `from_exif`.
 
+mod from_exif;
 mod row;
 mod table;
 
@@ -16,7 +17,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 
 use crate::config::OutputConfig;
 use crate::error::{Error, Result};
-use crate::image::{EncodedImage, decode};
+use crate::image::{EncodedImage, decode, exif};
 use crate::messages::Header;
 use crate::messages::output::{
     CAMERA_INFO, COMPRESSED_IMAGE, FLOAT64, IMU, NAV_SAT_FIX, OutputType, RANGE, TRANSFORM,
@@ -74,24 +75,28 @@ pub fn import(wanted: &Import, target: &Path) -> Result<Imported> {
     let text = std::fs::read_to_string(&wanted.table)
         .map_err(|source| Error::Read { path: wanted.table.clone(), source })?;
     let parsed = Table::parse(&text).map_err(bad)?;
-    let (mut rows, columns) = rows(&parsed, wanted.utc_offset_s).map_err(bad)?;
+    let (mut rows, mut columns) = rows(&parsed, wanted.utc_offset_s).map_err(bad)?;
+    let exif = |file: &str| image(&wanted.folder, file).map(|f| exif::read(&f).unwrap_or_default());
+    columns.extend(from_exif::complete(&mut rows, wanted.utc_offset_s, exif).map_err(bad)?);
     rows.sort_by(|a, b| (a.stamp_ns, &a.file).cmp(&(b.stamp_ns, &b.file)));
     ensure_no_image(&wanted.folder, &rows, target)?;
     let mut log = Log::create(wanted, target)?;
     let mut imported = Imported { columns, ..Imported::default() };
     for row in &rows {
-        let Some(image) = image(&wanted.folder, &row.file) else {
+        let image = image(&wanted.folder, &row.file);
+        let Some((stamp_ns, image)) = row.stamp_ns.zip(image) else {
             imported.missing.push(row.file.clone());
             continue;
         };
-        log.add(row, &image)?;
+        log.add(Stamp(stamp_ns), row, &image)?;
         imported.images += 1;
         imported.with_altitude += usize::from(row.altitude_m.is_some());
     }
     if imported.images == 0 {
         return Err(bad(format!("none of its files is an image in {}", wanted.folder.display())));
     }
-    log.finish(&text, &imported, rows.first().map_or(0, |row| row.stamp_ns))?;
+    let first_ns = rows.iter().find_map(|row| row.stamp_ns);
+    log.finish(&text, &imported, first_ns.unwrap_or_default())?;
     Ok(imported)
 }
 
@@ -179,8 +184,7 @@ impl<'w> Log<'w> {
         Ok(())
     }
 
-    fn add(&mut self, row: &Row, image: &[u8]) -> Result<()> {
-        let stamp = Stamp(row.stamp_ns);
+    fn add(&mut self, stamp: Stamp, row: &Row, image: &[u8]) -> Result<()> {
         let header = |frame: &str| Header { stamp: Some(stamp), frame_id: frame.into() };
         if !self.channels.contains_key("/tf_static") {
             self.add_mounts(stamp)?;

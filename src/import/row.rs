@@ -80,8 +80,8 @@ enum Quantity {
 pub struct Row {
     /// as in the table
     pub file: String,
-    /// UTC (ns)
-    pub stamp_ns: i64,
+    /// UTC (ns); `None` where no column is the time
+    pub stamp_ns: Option<i64>,
     /// latitude and longitude (deg)
     pub position_deg: Option<[f64; 2]>,
     /// above the seafloor (m)
@@ -106,8 +106,7 @@ pub fn rows(table: &Table, utc_offset_s: i64) -> Result<(Vec<Row>, Vec<String>),
             format!("no column is {what}; the columns are {}", table.columns.join(", "))
         })
     };
-    let (file, time) =
-        (needed(Quantity::File, "the file name")?, needed(Quantity::Time, "the time")?);
+    let file = needed(Quantity::File, "the file name")?;
     needed(Quantity::Altitude, "the altitude above the seafloor")?;
     let scale = |quantity| column(quantity).map_or(1.0, |at| scale(&table.columns[at], quantity));
     let mut found = Vec::new();
@@ -120,8 +119,10 @@ pub fn rows(table: &Table, utc_offset_s: i64) -> Result<(Vec<Row>, Vec<String>),
             Ok(Some(number * scale(quantity)).filter(|v| v.is_finite()))
         };
         let Some(name) = table.cell(row, Some(file)) else { continue };
-        let cell = table.cell(row, Some(time)).ok_or_else(|| bad("the time", ""))?;
-        let stamp_ns = stamp_ns(cell, utc_offset_s).ok_or_else(|| bad("the time", cell))?;
+        let stamp_ns = column(Quantity::Time).map(|time| {
+            let cell = table.cell(row, Some(time)).unwrap_or_default();
+            stamp_ns(cell, utc_offset_s).ok_or_else(|| bad("the time", cell))
+        });
         let position_deg = value(Quantity::Latitude)?.zip(value(Quantity::Longitude)?);
         let depth_m = value(Quantity::Depth)?.or(value(Quantity::Height)?.map(|height| -height));
         let (heading, pitch, roll) =
@@ -130,7 +131,7 @@ pub fn rows(table: &Table, utc_offset_s: i64) -> Result<(Vec<Row>, Vec<String>),
         let attitude_rad = [heading, pitch, roll].map(Option::unwrap_or_default);
         found.push(Row {
             file: name.into(),
-            stamp_ns,
+            stamp_ns: stamp_ns.transpose()?,
             position_deg: position_deg.map(|(latitude, longitude)| [latitude, longitude]),
             altitude_m: value(Quantity::Altitude)?.filter(|altitude| *altitude > 0.0),
             depth_m,
@@ -182,7 +183,7 @@ fn meaning(quantity: Quantity, name: &str) -> String {
 
 /// A moment: seconds, milliseconds, microseconds or nanoseconds since 1970, or a date and time. One
 /// without a zone has the offset that is given.
-fn stamp_ns(text: &str, utc_offset_s: i64) -> Option<i64> {
+pub fn stamp_ns(text: &str, utc_offset_s: i64) -> Option<i64> {
     if let Ok(number) = text.parse::<f64>() {
         return epoch_ns(text, number);
     }
@@ -289,7 +290,7 @@ mod tests {
             let quarter = std::f64::consts::FRAC_PI_2;
             let expected = Row {
                 file: "a.jpg".into(),
-                stamp_ns: 1_577_934_245_500_000_000,
+                stamp_ns: Some(1_577_934_245_500_000_000),
                 position_deg: Some([60.0, 10.0]),
                 altitude_m: Some(2.5),
                 depth_m: Some(30.0),

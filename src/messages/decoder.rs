@@ -4,7 +4,7 @@ use super::layout::{Layout, Primitive, Type};
 use super::ros_schema::Dialect;
 use super::table::{BY_PATH, DEPTH_IMAGE, Kind, MessageType, TYPES};
 use super::value::Value;
-use super::{cdr, depth_image, idl_schema, json, known_schemas, protobuf, ros_schema};
+use super::{cdr, depth_image, idl_schema, json, known_schemas, protobuf, radiometry, ros_schema};
 
 /// A wire format with the schema needed to read it.
 enum Wire {
@@ -137,6 +137,11 @@ pub struct Decoder {
 }
 
 impl Decoder {
+    /// Seconds in the unit of the exposures that it reads; `None` where no name states it.
+    pub fn exposure_unit_s(&self, topic: &str) -> Option<f64> {
+        radiometry::exposure_unit_s(self.wire.layout(), topic)
+    }
+
     /// The decoder of a channel, `None` where no row of [`TYPES`] matches.
     ///
     /// # Errors

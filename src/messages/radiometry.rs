@@ -69,6 +69,16 @@ pub fn matches_fields(layout: &Layout, topic: &str) -> bool {
     found >= 2 || (found == 1 && name_by_topic(topic).is_some())
 }
 
+/// Seconds in the unit of an exposure, where the name of its field or topic states one.
+pub fn exposure_unit_s(layout: &Layout, topic: &str) -> Option<f64> {
+    let fields = SETTINGS.iter().find(|(name, _)| *name == "exposure")?.1;
+    let field = fields.iter().find(|field| layout.is_number(field)).copied();
+    let bare = || Some(topic).filter(|topic| name_by_topic(topic) == Some("exposure"));
+    let name = field.or_else(bare)?.to_ascii_lowercase();
+    let units = [("_us", 1e-6), ("_ms", 1e-3), ("_s", 1.0)];
+    units.into_iter().find(|(ending, _)| name.ends_with(ending)).map(|(_, unit_s)| unit_s)
+}
+
 /// Settings by name; the caller names a bare number after its topic.
 pub fn decode(value: &Value<'_>) -> Result<Vec<RadiometrySetting>, String> {
     if let Some(bare) = BARE.iter().find_map(|f| value.number(f)) {

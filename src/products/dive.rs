@@ -94,6 +94,11 @@ impl CorrectedLog {
         Ok(Self { scanned, window: options.window(), config, cameras })
     }
 
+    /// An error of this file.
+    pub fn bad(&self, what: &'static str, reason: String) -> Error {
+        Error::BadFile { path: self.scanned.recording.path().into(), what, reason }
+    }
+
     /// A camera with its raw images, or with the corrected ones where only those are in the log.
     ///
     /// # Errors
@@ -149,7 +154,22 @@ impl CorrectedLog {
 
     /// Frames of a camera's images in this log: index of their record in [`CameraLog::frames`].
     pub fn records(&self, camera: &CameraLog, images: Images) -> BTreeMap<FrameId, usize> {
-        let channels = self.scanned.image_channels(camera.topic(images));
+        self.records_on(camera.topic(images), camera, images)
+    }
+
+    /// The same of the masks of a camera's corrected images.
+    pub fn mask_records(&self, camera: &CameraLog) -> BTreeMap<FrameId, usize> {
+        let topic = format!("/unwater{}/mask/compressed", camera.place);
+        self.records_on(&topic, camera, Images::Corrected)
+    }
+
+    fn records_on(
+        &self,
+        topic: &str,
+        camera: &CameraLog,
+        images: Images,
+    ) -> BTreeMap<FrameId, usize> {
+        let channels = self.scanned.image_channels(topic);
         let mut frames: Vec<&FrameRef> =
             self.scanned.channels(&channels).into_iter().flat_map(|c| &c.frames).collect();
         frames.sort_by_key(|frame| frame.id);

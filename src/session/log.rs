@@ -1,5 +1,6 @@
 //! A log that has been scanned: the recording, its index, and the measurements of its sensors.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,10 +10,11 @@ use super::index::{ChannelIndex, LogIndex, scan_with};
 use super::options::Options;
 use super::readings::Readings;
 use crate::error::{Error, Result};
-use crate::messages::Kind;
+use crate::messages::{Kind, RadiometrySetting};
 use crate::parallel::Threads;
 use crate::recording::{Fingerprint, LogFiles, Recording};
-use crate::vehicle::DvlFacts;
+use crate::units::Stamp;
+use crate::vehicle::{DvlFacts, SettingSeries};
 
 /// A scanned log. Every camera of it is surveyed from the same scan.
 pub struct Log {
@@ -102,6 +104,28 @@ impl Log {
     /// The topic of a channel.
     pub fn topic(&self, channel: u16) -> String {
         self.recording.channels.get(&channel).map(|c| c.topic.clone()).unwrap_or_default()
+    }
+
+    /// Settings of camera and strobe, of all channels of a topic together.
+    pub fn settings(&self) -> Vec<SettingSeries> {
+        type Series = (String, &'static str, Vec<(Stamp, f64)>);
+        let mut found: Vec<Series> = Vec::new();
+        for (id, channel) in &self.readings.0 {
+            let topic = self.topic(*id);
+            let named = channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name));
+            for name in named.collect::<BTreeSet<&'static str>>() {
+                let value = |(stamp, settings): &(Stamp, Vec<RadiometrySetting>)| {
+                    Some((*stamp, settings.iter().find(|(n, _)| *n == name)?.1))
+                };
+                let values = channel.settings.iter().filter_map(value);
+                match found.iter_mut().find(|(t, n, _)| *t == topic && *n == name) {
+                    Some((.., known)) => known.extend(values),
+                    None => found.push((topic.clone(), name, values.collect())),
+                }
+            }
+        }
+        let series = |(topic, name, values): Series| SettingSeries::new(topic, name.into(), values);
+        found.into_iter().map(series).collect()
     }
 
     /// Ids of the channels of a topic that hold images; after a merge there may be several.

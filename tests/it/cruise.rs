@@ -418,6 +418,7 @@ fn stills_and_a_table_become_a_log() {
     std::fs::write(&table, "filename,lat\na.jpg,3\n").unwrap();
     std::fs::remove_file(&log).unwrap();
     let ran = import(&[]);
-    assert!(ran.status.code() == Some(1) && stderr(&ran).contains("the time"), "{}", stderr(&ran));
+    let said = stderr(&ran);
+    assert!(ran.status.code() == Some(1) && said.contains("the altitude above"), "{said}");
     assert!(!log.exists());
 }

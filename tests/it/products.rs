@@ -1,6 +1,7 @@
 //! Reports, sheets, mosaics and data sets that are made from a corrected log.
 use std::path::Path;
 
+use img_parts::ImageEXIF as _;
 use libtest_mimic::Failed;
 use unwater::config::OutputConfig;
 use unwater::diagnostics::MosaicFact;
@@ -478,6 +479,52 @@ fn agrees_with_truth(
     ensure(read("colmap/points3D.txt")?.starts_with('#'), "points3D.txt")
 }
 
+/// A JPEG without its EXIF.
+fn without_exif(file: &[u8]) -> Result<Vec<u8>, Failed> {
+    let mut jpeg = img_parts::jpeg::Jpeg::from_bytes(file.to_vec().into())?;
+    jpeg.set_exif(None);
+    Ok(jpeg.encoder().bytes().to_vec())
+}
+
+/// EXIF, by an independent reader, says what the record says.
+fn exif_agrees(file: &[u8], item: &serde_json::Value) -> Result<(), Failed> {
+    let exif = exif::Reader::new().read_from_container(&mut std::io::Cursor::new(file))?;
+    let field = |tag| exif.get_field(tag, exif::In::PRIMARY).ok_or(format!("no {tag}"));
+    let text = |tag| match &field(tag)?.value {
+        exif::Value::Ascii(parts) => Ok(String::from_utf8_lossy(&parts.concat()).into_owned()),
+        other => Err(format!("{tag} is {other:?}")),
+    };
+    let numbers = |tag| match &field(tag)?.value {
+        exif::Value::Rational(parts) => Ok(parts.iter().map(|r| r.to_f64()).collect::<Vec<_>>()),
+        other => Err(format!("{tag} is {other:?}")),
+    };
+    let said = |key: &str| item[key].as_f64().ok_or(format!("no {key}"));
+    let moment = format!(
+        "{}.{}",
+        text(exif::Tag::DateTimeOriginal)?.replacen(':', "-", 2),
+        text(exif::Tag::SubSecTimeOriginal)?
+    );
+    ensure(item["image-datetime"] == moment, moment)?;
+    ensure(text(exif::Tag::OffsetTimeOriginal)? == "+00:00", "the zone")?;
+    let id = item["image-uuid"].as_str().ok_or("no UUID")?.replace('-', "");
+    ensure(text(exif::Tag::ImageUniqueID)? == id, id)?;
+    for (tag, key) in
+        [(exif::Tag::GPSLatitude, "image-latitude"), (exif::Tag::GPSLongitude, "image-longitude")]
+    {
+        let [degrees, minutes, seconds] = numbers(tag)?[..] else { return Err("an angle".into()) };
+        let angle = degrees + minutes / 60.0 + seconds / 3600.0;
+        assert_within("EXIF: an angle [°]", angle - said(key)?.abs(), 1e-9);
+    }
+    let depth_m = numbers(exif::Tag::GPSAltitude)?[0];
+    assert_within("EXIF: depth [m]", depth_m + said("image-altitude-meters")?, 0.001);
+    ensure(field(exif::Tag::GPSAltitudeRef)?.value.get_uint(0) == Some(1), "below the surface")?;
+    let distance_m = numbers(exif::Tag::SubjectDistance)?[0];
+    assert_within("EXIF: distance [m]", distance_m - said("image-meters-above-ground")?, 0.001);
+    let heading = numbers(exif::Tag::GPSImgDirection)?[0] - said("image-camera-yaw-degrees")?;
+    assert_within("EXIF: heading [°]", (heading + 180.0).rem_euclid(360.0) - 180.0, 0.001);
+    Ok(())
+}
+
 /// The stills are the log's own bytes, and the lists say of each where and when it was taken, by
 /// the truth.
 #[test]
@@ -556,11 +603,13 @@ fn exported_data_set_is_complete() -> Result<(), Failed> {
     )?;
     for ((row, image), frame) in rows.iter().zip(&images).zip(&made.truth.frames) {
         let still = std::fs::read(folder.join("images").join(row[0]))?;
+        let item = &items[row[0]];
+        let bare = without_exif(&still)?;
         ensure(
-            image.windows(still.len()).any(|w| w == still),
+            image.windows(bare.len()).any(|w| w == bare),
             format!("{} is not the log's", row[0]),
         )?;
-        let item = &items[row[0]];
+        exif_agrees(&still, item)?;
         ensure(item["image-hash-sha256"] == unwater::session::sha256(&still), "the fingerprint")?;
         ensure(
             row[5] == frame.stamp_ns.to_string(),
@@ -580,6 +629,25 @@ fn exported_data_set_is_complete() -> Result<(), Failed> {
         }),
         "a moment",
     )?;
+    // Back again: EXIF has what the table leaves out.
+    let short: String = rows.iter().fold("filename,distance_to_ground\n".into(), |text, row| {
+        format!("{text}{},{}\n", row[0], row[4])
+    });
+    std::fs::write(made.path("short.csv"), short)?;
+    let stills = folder.join("images");
+    let imported = |table: &Path, name: &str| -> Result<Vec<(String, u64)>, Failed> {
+        let log = made.path(name);
+        ran(&["import", text(&stills), "--table", text(table), "-o", text(&log)])?;
+        let recording = Recording::open(&log)?;
+        let messages = recording.messages(Window::ALL).filter_map(|entry| match entry {
+            Entry::Message(m) => Some((recording.channels[&m.channel].topic.clone(), m.log_time)),
+            Entry::Damaged(_) => None,
+        });
+        Ok(messages.collect())
+    };
+    let by_table = imported(&folder.join("images.csv"), "by_table.mcap")?;
+    let by_exif = imported(&made.path("short.csv"), "by_exif.mcap")?;
+    ensure(by_table == by_exif && by_exif.len() > 4 * rows.len(), format!("{by_exif:?}"))?;
     // Without facts there are lists and no record.
     let bare = made.path("bare_data_set");
     let said = unwater(&["export", text(&log), "-o", text(&bare)]);

@@ -7,6 +7,8 @@ use crate::support::render::Dive;
 use unwater::config::{ImageFormat, Look, Method};
 use unwater::image::LinearImage;
 use unwater::image::tone::ContrastCurve;
+use unwater::products::data_set::{Archive, export};
+use unwater::products::dive::CorrectedLog;
 use unwater::run::{correct, estimate_logs};
 use unwater::session::{Options, Silent};
 
@@ -145,7 +147,28 @@ fn mask_and_report_agree() {
         assert!((share(8) - unseen).abs() < 0.01 + 0.15 * unseen, "{} {unseen}", share(8));
         assert!(share(4) == 0.0 && share(16) < 0.02, "{} {}", share(4), share(16));
         assert!(codes.iter().all(|c| *c < 32) && codes.contains(&0));
+        // For COLMAP: clipped, capped, off the seafloor or outside is left out.
+        let exported: Vec<u8> = colmap_masks(folder.path()).into_iter().flatten().collect();
+        let is_left_out = |code: &u8| code & (1 | 2 | 4 | 16) != 0;
+        assert!(codes.iter().map(|c| if is_left_out(c) { 0 } else { 255 }).eq(exported));
     }
+}
+
+/// Of the masked log, by an export of it, in the order of the dive.
+fn colmap_masks(folder: &Path) -> Vec<Vec<u8>> {
+    let log = CorrectedLog::open(&folder.join("masked.mcap"), &Options::default()).unwrap();
+    let data_set = tempfile::tempdir().unwrap();
+    let archive = Archive::default();
+    export(&log, &log.cameras[0], &archive, data_set.path(), &Silent).unwrap();
+    let stills = std::fs::read_dir(data_set.path().join("images")).unwrap();
+    let mut names: Vec<_> = stills.map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    let masks = data_set.path().join("colmap/masks");
+    let mask = |name: std::ffi::OsString| {
+        let path = masks.join(format!("{}.png", name.into_string().unwrap()));
+        image::open(path).unwrap().into_luma8().into_raw()
+    };
+    names.into_iter().map(mask).collect()
 }
 
 /// Fewer electrons, more noise: what is too near to it is counted, also without anyone's data

@@ -1,17 +1,19 @@
 //! A data set for archives: the corrected stills, lists of them for other programs, and an iFDO
-//! record (image FAIR digital object) of the whole. Stills that are files in the log are copied
-//! byte for byte.
+//! record (image FAIR digital object) of the whole. Stills that are files in the log keep their
+//! bytes, but for the EXIF that is added.
 //!
 //! What no log contains (creator, licence, project) comes from a file of facts; a record that lacks
 //! what iFDO requires is not written. The lists are written last: a folder without `images.csv` is
 //! incomplete.
 //!
-//! The files depend on each other in this order: `facts`, `still`, `poses`, `ifdo`, `tables`,
-//! `colmap`.
+//! The files depend on each other in this order: `facts`, `still`, `poses`, `exposures`, `ifdo`,
+//! `tables`, `colmap`, `masks`.
 
 mod colmap;
+mod exposures;
 mod facts;
 mod ifdo;
+mod masks;
 mod poses;
 mod still;
 mod tables;
@@ -24,8 +26,10 @@ use super::messages::messages_by_id;
 use super::places::{Places, depth_at, fix_at};
 use super::write_whole;
 use crate::error::{Error, Result};
+use crate::image::exif;
 use crate::recording::{Damage, FrameId, Window};
 use crate::session::{Progress, Step, sha256};
+use exposures::Exposures;
 pub use facts::{Facts, Named};
 use ifdo::Record;
 use poses::{CameraPoses, camera_poses};
@@ -67,11 +71,12 @@ pub fn export(
     let records = log.records(camera, Images::Corrected);
     if camera.corrected().next().is_none() {
         let reason = "no frame of it was corrected; see its report";
-        return Err(bad(log, "nothing to export", reason.into()));
+        return Err(log.bad("nothing to export", reason.into()));
     }
     ensure_complete(log, camera, &records)?;
     let places = Places::read(&log.scanned.recording, log.window)?;
     let poses = camera_poses(log, camera, &places);
+    let known = Known { places, poses, exposures: Exposures::of(log, camera) };
     let sensor = camera.fact("camera_topic").trim_matches('/').split('/').next();
     let source = camera.source();
     let record = Record {
@@ -85,12 +90,12 @@ pub fn export(
         sensor: sensor.unwrap_or_default(),
         facts: &archive.facts,
         handle_prefix: archive.handle_prefix.as_deref(),
-        poses: poses.as_ref(),
+        poses: known.poses.as_ref(),
     };
     // What is missing is known before a file is written.
     let frames = records.values().filter_map(|index| Some((*index, camera.frames.get(*index)?)));
-    let known: Vec<Still<'_>> = frames.map(|f| still(f, &places, poses.as_ref())).collect();
-    let missing = record.missing(&record.header(&known));
+    let expected: Vec<Still<'_>> = frames.map(|frame| known.still(frame)).collect();
+    let missing = record.missing(&record.header(&expected));
     if archive.must_have_record && !missing.is_empty() {
         return Err(Error::Usage(format!(
             "the iFDO record lacks what iFDO requires and neither log nor facts give: {}; add them \
@@ -99,33 +104,42 @@ pub fn export(
         )));
     }
     remove_lists(folder)?;
-    let stills = write_stills(&record, log, &places, folder, progress)?;
+    let stills = write_stills(&record, log, &known, folder, progress)?;
     write_lists(&record, &stills, folder)?;
+    masks::write(log, camera, &stills, folder)?;
     if missing.is_empty() {
         let document = record.document(record.header(&stills), &stills);
         let text = serde_json::to_string_pretty(&document).map(|text| text + "\n");
         write_json(&folder.join("ifdo.json"), text)?;
     }
     write_whole(&folder.join("images.csv"), tables::biigle(&stills).as_bytes())?;
-    let poses_from = poses.as_ref().map(|poses| poses.source.clone()).unwrap_or_default();
+    let poses_from = record.poses.map(|poses| poses.source.clone()).unwrap_or_default();
     Ok(DataSet { stills: stills.len(), missing, poses_from })
 }
 
-/// A still without its file.
-fn still<'l>(
-    (index, record): (usize, &'l FrameRecord),
-    places: &Places,
-    poses: Option<&CameraPoses>,
-) -> Still<'l> {
-    let fixes = places.best_fixes().map(|(_, fixes)| fixes.as_slice()).unwrap_or_default();
-    Still {
-        name: String::new(),
-        record,
-        fix: fix_at(fixes, record.stamp),
-        depth_m: depth_at(places.best_depths(), record.stamp),
-        pose: poses.and_then(|poses| poses.poses.get(&index).copied()),
-        hash: String::new(),
-        uuid: String::new(),
+/// What the log knows of its stills.
+struct Known {
+    places: Places,
+    poses: Option<CameraPoses>,
+    exposures: Option<Exposures>,
+}
+
+impl Known {
+    /// A still without its file.
+    fn still<'l>(&self, (index, record): (usize, &'l FrameRecord)) -> Still<'l> {
+        let Self { places, poses, exposures } = self;
+        let fixes = places.best_fixes().map(|(_, fixes)| fixes.as_slice()).unwrap_or_default();
+        Still {
+            name: String::new(),
+            record,
+            index,
+            fix: fix_at(fixes, record.stamp),
+            depth_m: depth_at(places.best_depths(), record.stamp),
+            exposure_s: exposures.as_ref().and_then(|exposures| exposures.at(record.stamp)),
+            pose: poses.as_ref().and_then(|poses| poses.poses.get(&index).copied()),
+            hash: String::new(),
+            uuid: String::new(),
+        }
     }
 }
 
@@ -133,7 +147,7 @@ fn still<'l>(
 fn write_stills<'l>(
     record: &Record<'l>,
     log: &CorrectedLog,
-    places: &Places,
+    known: &Known,
     folder: &Path,
     progress: &dyn Progress,
 ) -> Result<Vec<Still<'l>>> {
@@ -150,11 +164,13 @@ fn write_stills<'l>(
         let Some(index) = records.get(&message.id) else { continue };
         let Some(frame) = camera.frames.get(*index) else { continue };
         let (bytes, ending) =
-            file_of(log, &message).map_err(|e| bad(log, "a corrected image", e))?;
-        let mut still = still((*index, frame), places, record.poses);
+            file_of(log, &message).map_err(|e| log.bad("a corrected image", e))?;
+        let mut still = known.still((*index, frame));
         still.name = file_name(record.sensor, frame, ending, &mut names);
+        still.uuid = uuid(&format!("{} {}", camera.fact("camera_topic"), sha256(&bytes)));
+        let bytes =
+            exif::with_facts(bytes, &still.exif()).map_err(|e| log.bad("a corrected image", e))?;
         still.hash = sha256(&bytes);
-        still.uuid = uuid(&format!("{} {}", camera.fact("camera_topic"), still.hash));
         write_whole(&stills_folder.join(&still.name), &bytes)?;
         stills.push(still);
         progress.advance(1);
@@ -212,10 +228,6 @@ fn write_lists(record: &Record<'_>, stills: &[Still<'_>], folder: &Path) -> Resu
     Ok(())
 }
 
-fn bad(log: &CorrectedLog, what: &'static str, reason: String) -> Error {
-    Error::BadFile { path: log.scanned.recording.path().into(), what, reason }
-}
-
 /// Every frame that was corrected must have its image: an export with gaps looks complete.
 fn ensure_complete(
     log: &CorrectedLog,
@@ -244,7 +256,7 @@ fn ensure_complete(
         "{missing} of {expected} on {topic}{first}{cause}; use an undamaged copy, or export \
          the segments around them with -S and -E"
     );
-    Err(bad(log, "corrected images are missing", reason))
+    Err(log.bad("corrected images are missing", reason))
 }
 
 fn write_json(path: &Path, text: serde_json::Result<String>) -> Result<()> {

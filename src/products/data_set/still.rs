@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Matrix3};
 
 use super::super::dive::{CorrectedLog, FrameRecord};
 use super::super::places::Fix;
+use crate::image::exif::ExifFacts;
 use crate::image::{EncodedImage, ImageShape, encode};
 use crate::messages::Kind;
 use crate::recording::Message;
@@ -19,10 +20,14 @@ pub struct Still<'l> {
     pub name: String,
     /// the result for its frame
     pub record: &'l FrameRecord,
+    /// of that result
+    pub index: usize,
     /// latitude and longitude
     pub fix: Option<Fix>,
     /// of the vehicle below the sea surface (m)
     pub depth_m: Option<f64>,
+    /// of the camera (s)
+    pub exposure_s: Option<f64>,
     /// world_from_optical, where the log has a trajectory; x east, y north, z up
     pub pose: Option<Isometry3<f64>>,
     /// fingerprint of the file
@@ -32,6 +37,20 @@ pub struct Still<'l> {
 }
 
 impl Still<'_> {
+    /// What its EXIF says.
+    pub fn exif(&self) -> ExifFacts {
+        let altitude_m = self.record.altitude_m;
+        ExifFacts {
+            taken_at: utc(self.record.stamp).replace('-', ":") + "+00:00",
+            position_deg: self.fix.map(|fix| [fix.latitude, fix.longitude]),
+            depth_m: self.depth_m,
+            heading_deg: self.yaw_pitch_roll_deg().map(|[yaw, ..]| yaw),
+            distance_m: altitude_m.is_finite().then_some(altitude_m),
+            exposure_s: self.exposure_s,
+            id: self.uuid.replace('-', ""),
+        }
+    }
+
     /// Yaw, pitch and roll of the image (deg): zero for a camera that looks down with the top of
     /// its image to the north; rotations about down, then the image's right, then its top.
     pub fn yaw_pitch_roll_deg(&self) -> Option<[f64; 3]> {
@@ -149,8 +168,10 @@ mod tests {
             let still = Still {
                 name: String::new(),
                 record: &record,
+                index: 0,
                 fix: None,
                 depth_m: None,
+                exposure_s: None,
                 pose: Some(Isometry3::from_parts(Vector3::zeros().into(), rotation)),
                 hash: String::new(),
                 uuid: String::new(),

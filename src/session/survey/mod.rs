@@ -258,7 +258,7 @@ pub fn survey(log: &Log, options: &Options) -> Result<Survey> {
         transfer: transfer_known(options, camera.response.is_some()),
         response: camera.response,
         electrons: electrons(rig_file),
-        settings: settings(log),
+        settings: log.settings(),
         rig,
         diagnostics,
     })
@@ -314,29 +314,4 @@ fn unreadable_channels(log: &Log) -> impl Iterator<Item = Diagnostic> {
         };
         Some(Diagnostic::on(&log.topic(*id), fact))
     })
-}
-
-/// Settings of camera and strobe, of all channels of a topic together.
-fn settings(log: &Log) -> Vec<SettingSeries> {
-    type Series = (String, &'static str, Vec<(Stamp, f64)>);
-    let mut found: Vec<Series> = Vec::new();
-    for (id, channel) in &log.readings.0 {
-        let topic = log.topic(*id);
-        let mut names: Vec<&'static str> =
-            channel.settings.iter().flat_map(|(_, s)| s.iter().map(|(name, _)| *name)).collect();
-        names.sort_unstable();
-        names.dedup();
-        for name in names {
-            let value = |(stamp, settings): &(Stamp, Vec<(&'static str, f64)>)| {
-                Some((*stamp, settings.iter().find(|(n, _)| *n == name)?.1))
-            };
-            let values = channel.settings.iter().filter_map(value);
-            match found.iter_mut().find(|(t, n, _)| *t == topic && *n == name) {
-                Some((.., known)) => known.extend(values),
-                None => found.push((topic.clone(), name, values.collect())),
-            }
-        }
-    }
-    let series = |(topic, name, values): Series| SettingSeries::new(topic, name.into(), values);
-    found.into_iter().map(series).collect()
 }
