@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs what the playback check reads logs with, into target/playback: rerun's SDK and the libraries that Foxglove decodes with;
-# what makes a site of the docs, mdBook; and what opens the report's pages: playwright-core, and Chromium itself where Debian's packages are at hand (the tests in a browser are reported as ignored without it).
+# what makes a site of the docs, mdBook; Snakemake; and what opens the report's pages: playwright-core, and Chromium itself where Debian's packages are at hand (the tests in a browser are reported as ignored without it).
 # Needs Python 3.11 or later and Node 20 or later. May be run again: what is there already is left as it is.
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
