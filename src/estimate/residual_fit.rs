@@ -24,7 +24,7 @@ const PARAMETERS: usize = 3;
 const SMOOTH: [f64; PARAMETERS] = [0.05, 0.1, 0.2];
 const SIZE: [f64; PARAMETERS] = [1.0, 0.5, 0.5];
 /// Rounds of the reweighted solve.
-const ROUNDS: usize = 4;
+pub const ROUNDS: usize = 4;
 /// Smallest spreads of views of a point, and of points (log light).
 const MIN_SPREAD: f64 = 0.004;
 const MIN_SPREAD_OF_POINTS: f64 = 0.05;
@@ -81,9 +81,14 @@ struct Problem {
     grid: ImageGrid,
 }
 
-/// The residual light of points, each with its views in `frames` frames; `None` where they are too
-/// few.
-pub fn fit(points: &[Vec<View>], frames: usize, bands: usize) -> Option<ResidualFit> {
+/// The residual light of points, each with its views in `frames` frames, by up to [`ROUNDS`] rounds;
+/// `None` where they are too few.
+pub fn fit(
+    points: &[Vec<View>],
+    frames: usize,
+    bands: usize,
+    rounds: usize,
+) -> Option<ResidualFit> {
     let views = || points.iter().filter(|p| p.len() > 1).flatten();
     let ranges: Vec<f64> = views().map(|v| v.range_m).collect();
     let reference_m = stats::median(&ranges);
@@ -105,7 +110,7 @@ pub fn fit(points: &[Vec<View>], frames: usize, bands: usize) -> Option<Residual
         exponent: Vec::new(),
     };
     let problem = Problem::new(points, &light, frames);
-    let solved = par_map((0..bands).collect(), |b| problem.solve(b));
+    let solved = par_map((0..bands).collect(), |b| problem.solve(b, rounds));
     let solved: Vec<(Vec<f64>, f64)> = solved.into_iter().collect::<Option<_>>()?;
     let parts = [&mut light.log_level, &mut light.slope_per_m, &mut light.exponent];
     for (k, part) in parts.into_iter().enumerate() {
@@ -139,10 +144,10 @@ impl Problem {
     }
 
     /// The values of a band, and the spread of views that they leave.
-    fn solve(&self, band: usize) -> Option<(Vec<f64>, f64)> {
+    fn solve(&self, band: usize, rounds: usize) -> Option<(Vec<f64>, f64)> {
         let mut off: Vec<f64> = self.rows.iter().map(|row| row.log_ratio[band]).collect();
         let mut values = DVector::zeros(self.unknowns());
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds {
             let (normal, right) = self.system(band, &off);
             values = normal.cholesky()?.solve(&right);
             let predicted = |row: &Row| row.entries().map(|(i, by)| by * values[i]).sum::<f64>();
@@ -271,11 +276,11 @@ mod tests {
             let beside = x - 0.6 / range_m;
             -2.0 * (beside * beside + y * y) - 0.4 * (range_m - 2.0)
         };
-        let fitted = fit(&points(lamp), 40, 3).expect("enough points");
+        let fitted = fit(&points(lamp), 40, 3, ROUNDS).expect("enough points");
         assert!(worst(&fitted, lamp) < 0.03 && fitted.spread < 0.01, "{}", worst(&fitted, lamp));
         let none = |_: f64, _: f64, _: f64| 0.0;
-        let fitted = fit(&points(none), 40, 3).expect("enough points");
+        let fitted = fit(&points(none), 40, 3, ROUNDS).expect("enough points");
         assert!(worst(&fitted, none) < 0.01, "{}", worst(&fitted, none));
-        assert!(fit(&points(none)[..100], 40, 3).is_none());
+        assert!(fit(&points(none)[..100], 40, 3, ROUNDS).is_none());
     }
 }

@@ -41,6 +41,8 @@ const LEFT: f64 = 0.9;
 const LEFT_IDENTIFIED: f64 = 0.85;
 /// … and there by this share of the spread between points, too: a part of a per cent of the light.
 const LEAST_LEFT: f64 = 0.01;
+/// It is fitted in full where a first round makes agreement better by this factor.
+const PROMISING: f64 = 0.97;
 /// Refined ranges are used if they make both colour and brightness of held-out frames more even by
 /// this factor than the given ranges do: otherwise they follow the seafloor.
 const BETTER_RANGES: f64 = 0.85;
@@ -114,7 +116,7 @@ impl Case<'_> {
         let raw = verdict.of(RAW).map_or(f64::INFINITY, VerdictFigures::score);
         let leaves_light = self.leaves_light(&verdict, is_identified);
         let physical = if leaves_light { RESIDUAL } else { FULL };
-        let residual = || self.residual().filter(|_| leaves_light).cloned();
+        let residual = || if leaves_light { self.residual().cloned() } else { None };
         if !is_forced && (is_chosen || (is_identified && full <= raw)) {
             verdict.used = physical.into();
             verdict.figures.retain(|f| f.name == RAW || f.name == FULL || f.name == physical);
@@ -211,16 +213,19 @@ impl Case<'_> {
     fn physical(&self, log_ratio: &LogRatio<'_>) -> (Option<f64>, Option<f64>) {
         let (data, bands) = (self.data, self.data.bands());
         let full = agreement(data.tracks, bands, log_ratio);
-        let fitted = self.residual_of(log_ratio, |f| !is_held(f));
-        let left = fitted.and_then(|ResidualFit { light, .. }| {
+        let left = |rounds: usize| {
+            let light = self.residual_of(log_ratio, |f| !is_held(f), rounds)?.light;
             let value = |o: &Observation| {
                 let (x, y, range_m) = data.ray(&o.sample);
                 let (ratio, left) = (log_ratio(o)?, light.log_light(x, y, range_m));
                 Some(std::array::from_fn(|b| ratio[b] - left[b]))
             };
             agreement(data.tracks, bands, &value)
-        });
-        (full, left)
+        };
+        // Where one round explains nothing, more do not: they only weigh what it leaves.
+        let first = left(1);
+        let has_promise = full.zip(first).is_none_or(|(full, first)| first < PROMISING * full);
+        (full, if has_promise { left(residual_fit::ROUNDS) } else { first })
     }
 
     /// What a model leaves of the light of some frames.
@@ -228,6 +233,7 @@ impl Case<'_> {
         &self,
         log_ratio: &LogRatio<'_>,
         wanted: impl Fn(u32) -> bool + Sync,
+        rounds: usize,
     ) -> Option<ResidualFit> {
         let data = self.data;
         if self.config.residual_light == Switch::Off {
@@ -240,12 +246,12 @@ impl Case<'_> {
         };
         let of_track = |t: &Track| t.iter().filter(|o| wanted(o.frame)).filter_map(view).collect();
         let points = par_map(thinned(data.tracks, MOST_FITTED).iter().collect(), of_track);
-        residual_fit::fit(&points, data.frames.len(), data.bands())
+        residual_fit::fit(&points, data.frames.len(), data.bands(), rounds)
     }
 
     /// What the model leaves of the light.
     fn residual(&self) -> Option<&ResidualFit> {
-        let fitted = || self.residual_of(&self.by_model(), |_| true);
+        let fitted = || self.residual_of(&self.by_model(), |_| true, residual_fit::ROUNDS);
         self.residual.get_or_init(fitted).as_ref()
     }
 
