@@ -202,9 +202,10 @@ pub struct ModelEstimate {
 
 impl ModelEstimate {
     /// Whether residual light leaves less of the light without the camera's gains than another
-    /// estimate takes these to be.
+    /// estimate takes these to be. Gains by a law (automatic exposure) are the camera's.
     fn needs_no_gains_of(&self, other: &Self) -> bool {
-        let gains = other.camera.as_ref().filter(|c| c.found.gains).map(CameraFit::common_gains);
+        let is_random = |c: &&CameraFit| c.found.gains && c.law.is_none();
+        let gains = other.camera.as_ref().filter(is_random).map(CameraFit::common_gains);
         let size = gains.map_or(0.0, |gains| stats::robust_std(&gains));
         self.judgement.residual.as_ref().is_some_and(|fit| fit.spread < size)
     }

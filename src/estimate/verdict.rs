@@ -34,10 +34,9 @@ const MAX_FITTED: usize = 150;
 const ROUNDS: usize = 5;
 /// A simpler correction is used if it is better by this factor.
 const BETTER: f64 = 0.9;
-/// What the physical model leaves of the light is used if agreement is better by this factor with
-/// it, and by the second where attenuation is identified: where nothing is left, held-out frames
-/// agree by 0.97 to 1.06.
-const LEFT: f64 = 0.9;
+/// What the physical model leaves of the light is used, where attenuation is identified, if
+/// agreement is better by this factor with it: where nothing is left, held-out frames agree by 0.97
+/// to 1.06.
 const LEFT_IDENTIFIED: f64 = 0.85;
 /// … and there by this share of the spread between points, too: a part of a per cent of the light.
 const LEAST_LEFT: f64 = 0.01;
@@ -145,12 +144,9 @@ impl Case<'_> {
             Switch::Auto if is_identified => {
                 left < LEFT_IDENTIFIED * full && left < full - LEAST_LEFT
             }
-            // What is not identified has nothing to lose: no figure worse than raw comes first.
-            Switch::Auto => {
-                let is_remedy = is_worse_than_raw(verdict, FULL, (1.0, 0.0))
-                    && !is_worse_than_raw(verdict, RESIDUAL, (1.0, 0.0));
-                left < if is_remedy { full } else { LEFT * full }
-            }
+            // What is not identified has nothing to lose, and overlap leaves directions free
+            // (a ramp across the images, gains along the log) that residual light holds.
+            Switch::Auto => left < full,
         }
     }
 
