@@ -148,7 +148,7 @@ impl Scene {
             roughness: self.model.beam_pattern.roughness(0.05),
             rendering: &self.rendering,
             config: &self.config,
-            glow: None,
+            backscatter: None,
             means: &self.means,
             clipped_above: 0.985,
             electrons: Default::default(),

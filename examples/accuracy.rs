@@ -98,7 +98,7 @@ const CASES: &[Case] = &[
         extra: dropped_out,
         ..case("5 % at half power", |s| Dive { half_power_frames: 0.05, ..plain(s) })
     },
-    case("gains 1 to 1/8, told", |s| Dive { gain_channel: Some(s % 2 == 0), ..plain(s) }),
+    case("gains 1 to 1/8, recorded", |s| Dive { gain_channel: Some(s % 2 == 0), ..plain(s) }),
     Case { extra: modelled, ..case("backscatter 10 %", |s| Dive { backscatter: 0.1, ..plain(s) }) },
     Case {
         change: |c| c.estimate.backscatter = Switch::Off,
@@ -174,7 +174,7 @@ fn main() {
         done.push((case.name, judged));
     }
     if !json {
-        print_pictures(&done);
+        print_images(&done);
         conditions::print(&done);
     }
     goals::print(&done, json);
@@ -260,9 +260,9 @@ fn print_estimates(case: &Case, judged: &[Judged]) {
 }
 
 /// What the images show, raw, corrected and by others: means over the seeds.
-fn print_pictures(done: &[(&'static str, Vec<Judged>)]) {
+fn print_images(done: &[(&'static str, Vec<Judged>)]) {
     println!(
-        "\n| case | pictures | same-point scatter R, G, B | over between-point spread | ΔE00, \
+        "\n| case | images | same-point scatter R, G, B | over between-point spread | ΔE00, \
          median | 95 % |\n| --- | --- | --- | --- | --- | --- |"
     );
     for (case, judged) in done {

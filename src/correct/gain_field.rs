@@ -147,7 +147,7 @@ impl<'g> GainField<'g> {
         let has_gain = !correction.config.method.is_baseline();
         let is_full = correction.config.method == Method::Full;
         let empirical = correction.model.empirical.as_deref().filter(|_| is_full);
-        let has_backscatter = correction.glow.is_some() || empirical.is_some();
+        let has_backscatter = correction.backscatter.is_some() || empirical.is_some();
         let least_ratio = correction.config.gain_signal_to_noise;
         let of_band = |value: &dyn Fn(usize) -> f64| {
             std::array::from_fn(|b| if b < bands { value(b) as f32 } else { 0.0 })
@@ -401,7 +401,7 @@ impl<'g> GainField<'g> {
 
     /// Backscatter of a pixel.
     fn scattered_at(&self, u: f64, v: f64, path: &LightPath) -> [f32; 3] {
-        let Some((backscatter, table)) = self.correction.glow else { return [0.0; 3] };
+        let Some((backscatter, table)) = self.correction.backscatter else { return [0.0; 3] };
         let of_ray = |(x, y)| backscatter.light(&table.at(x, y, path.seafloor_to_camera_m));
         let ray = self.view.camera.image_plane(u, v);
         ray.map(of_ray).map_or([0.0; 3], |light| light.map(|v| v as f32))

@@ -54,7 +54,7 @@ pub struct Correction<'m> {
     /// the settings
     pub config: &'m RenderConfig,
     /// backscatter and S_Λ, where the model has backscatter and the method removes it
-    pub glow: Option<(&'m Backscatter, &'m ScatterTable)>,
+    pub backscatter: Option<(&'m Backscatter, &'m ScatterTable)>,
     /// mean frames, for the baselines that divide by them
     pub means: &'m MeanFrames,
     /// input above this share of full scale counts as clipped

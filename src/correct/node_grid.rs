@@ -8,7 +8,7 @@ use crate::image::demosaic::BayerPattern;
 use crate::image::vectorised;
 
 /// Values per band on nodes every `step` pixels; the last row and column of nodes lie on the
-/// picture's edge or beyond it.
+/// edge of the image or beyond it.
 pub struct NodeGrid {
     /// (px)
     pub step: usize,

@@ -11,7 +11,7 @@ facts! {
     EstimateFact {
         Warning "estimation-options-ignored" OptionsIgnored,
             text("estimation options are ignored with --model"),
-            remedy("leave them out, or estimate anew without --model");
+            remedy("leave them out, or estimate again without --model");
         Info "camera-found" CameraFound { summary: String },
             text("the log shows of its camera: {summary}; it is compensated");
         Info "camera-reported" CameraReported { summary: String },

@@ -1,13 +1,13 @@
-//! How much the water scatters back (Eq. 5, 6), from what it does to contrast.
+//! Strength of backscatter (Eq. 5, 6), from its effect on contrast.
 //!
-//! Backscatter and attenuation are nearly degenerate where one grey level is followed over
-//! altitude: both change it smoothly. But scattered light is *added*: a dark pebble gains more of
-//! it than bright sand beside it, in log light. Points of many reflectances, seen from several
-//! heights, so tell the two apart; the darkest of all bound it from above.
+//! Backscatter and attenuation are nearly degenerate for points of one reflectance: both change
+//! light smoothly with altitude. But backscatter is added: in log light a dark pebble gains more
+//! than bright sand beside it. Points of different reflectance, seen from several altitudes,
+//! separate the two; the darkest are an upper bound.
 //!
-//! The strength b joins the joint solve to first order, S is tabulated again from the beam and α in
-//! hand, and what is known is taken off the colours before the logarithm. In: samples. Out: b, and
-//! colours freed of it.
+//! The strength b is a linearised unknown of the joint solve, S is tabulated again with the current
+//! beam pattern and α, and the estimate is subtracted from the samples before the logarithm. In:
+//! samples. Out: b, and samples without backscatter.
 
 use std::cell::LazyCell;
 
@@ -30,20 +30,18 @@ const STEPS: usize = 12;
 const ROUNDS_PER_STEP: usize = 4;
 /// Steps smaller than this share of b are not taken any more.
 const SETTLED: f64 = 0.01;
-/// After so many steps it shows whether there is half the evidence that there must be; if not, the
-/// rest is not gone into.
+/// The search ends after this many steps where there is not half the evidence required.
 const FIRST_STEPS: usize = 2;
-/// `auto` wants b to be surer than this many standard deviations in a band …
+/// `auto` requires b of a band to exceed this many standard deviations …
 const MIN_DEVIATIONS: f64 = 4.0;
 /// … and held-out frames to be predicted better by this.
 const MIN_IMPROVEMENT: f64 = 0.02;
-
-/// An even field is believed where it predicts held-out frames better by this.
+/// Uniform backscatter is preferred where it predicts held-out frames better by this …
 const BETTER_UNIFORM: f64 = 0.01;
-/// … and at all, by this: it has no shape of its own that few frames could not have by chance.
+/// … and at all by this: it has no spatial structure that could not arise by chance in few frames.
 const MIN_UNIFORM_IMPROVEMENT: f64 = 0.05;
 
-/// What was found.
+/// Backscatter of a log.
 #[derive(Clone, Debug)]
 pub struct BackscatterFit {
     /// the model's part
@@ -60,7 +58,7 @@ pub struct BackscatterFit {
 }
 
 impl BackscatterFit {
-    /// With the backscatter of the last solve.
+    /// The same with the strength of the final solve.
     pub fn of_model(self, model: &ImagingModel) -> Self {
         Self { backscatter: model.backscatter.unwrap_or(self.backscatter), ..self }
     }
@@ -71,7 +69,7 @@ impl BackscatterFit {
         self.table.at(x, y, s)
     }
 
-    /// Frames and tracks with what was scattered back taken off.
+    /// Frames and tracks without backscatter.
     pub fn removed_from(&self, data: &Dataset<'_>) -> (Vec<FrameSamples>, Vec<Track>) {
         let bands = data.bands();
         let mut tracks = data.tracks.to_vec();
@@ -86,8 +84,7 @@ impl BackscatterFit {
     }
 }
 
-/// Frames with a scattered taken off their grids; cells that are hardly more than scattered are
-/// left out.
+/// Frames whose grids are without scattered light; cells with little more than that are left out.
 pub fn remove_from_frames(
     data: &Dataset<'_>,
     scattered: impl Fn(&Sample) -> Bands,
@@ -113,15 +110,15 @@ fn remove(sample: &mut Sample, bands: usize, scattered: &Bands) {
     }
 }
 
-/// Whether b of some band exceeds so many standard deviations.
+/// Whether b of a band exceeds this many standard deviations.
 fn exceeds(answer: &JointAnswer, deviations: f64) -> bool {
     answer.backscatter.is_some_and(|(b, std)| {
         b.strength_per_m.iter().zip(std).any(|(b, std)| *b > deviations * std)
     })
 }
 
-/// Estimates b; `None` where the log shows none (or, for `auto`, no evidence of it). Of the
-/// strobe's light, unless an even field predicts held-out frames better.
+/// Estimates b; `None` without evidence of backscatter. It is that of the strobe's light, unless
+/// uniform backscatter predicts held-out frames better.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
     let of = |source| move || find_of(data, setup, source);
     let (strobe, uniform) = join(of(ScatterSource::Strobe), of(ScatterSource::Uniform));
@@ -168,7 +165,7 @@ fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Opti
         fit.beam = completed_beam(data, setup, &fit, &table);
         let predicted = || held_out_by(&Setup { scatter: Some((&now, &scatter)), ..plain });
         if step + 1 == FIRST_STEPS && setup.config.backscatter != Switch::On {
-            // The held-out frames come last: they cost a solve.
+            // Held-out frames come last: they cost a solve.
             let is_likely = exceeds(&problem.answer(&solution, &[])?, MIN_DEVIATIONS / 2.0)
                 && cross_validation::improvement(without.as_ref()?, &predicted()?)
                     > MIN_IMPROVEMENT / 2.0;
@@ -189,8 +186,7 @@ fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Opti
     None
 }
 
-/// The beam pattern as the model will have it, so that the same directions count as seen in both
-/// passes.
+/// The beam pattern as in the final model, so that the same directions count as seen.
 fn completed_beam(
     data: &Dataset<'_>,
     setup: &Setup<'_>,
@@ -206,8 +202,8 @@ fn completed_beam(
     completed(&beam, &data, &fit.attenuation_per_m, setup.spreading, setup.config)
 }
 
-/// The fit, where the settings ask for it or the evidence is strong enough. Where backscatter is
-/// not to be modelled, its presence is still reported.
+/// The fit, where the settings require it or the evidence suffices. With backscatter off it is still
+/// reported.
 fn accepted(
     data: &Dataset<'_>,
     setup: &Setup<'_>,

@@ -26,7 +26,7 @@ const MAX_OBSERVATIONS: usize = 12_000;
 /// it does where there is hardly anything but daylight.
 const FIRST_SHARE: f64 = 0.1;
 const MOST_SHARE: f64 = 0.95;
-/// Without a residual that is this much smaller the rest is not gone into.
+/// The search ends where the residual is not smaller by this share.
 const MAX_RESIDUAL: f64 = 0.98;
 /// Held-out frames are predicted better by at least this.
 const MIN_IMPROVEMENT: f64 = 0.05;

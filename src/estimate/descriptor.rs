@@ -104,7 +104,7 @@ impl Plane {
     /// 4 × 4 cells, turned by `angle` (rad), of the directions of gradients in each.
     pub fn descriptor(&self, u: f32, v: f32, sigma: f32, angle: f32) -> Descriptor {
         // Directions are a circle: what falls into the ninth is the first's.
-        // Eight cells to a row, where seven would do: so a place in range is told without a check.
+        // Eight cells per row, where seven would do: an index in range needs no check.
         let mut padded = [[0f32; 9]; 8 * 8];
         let (sin, cos) = angle.sin_cos();
         let zero = (angle / std::f32::consts::TAU).rem_euclid(1.0);

@@ -1,8 +1,7 @@
 //! Water that changes along the log: nodes of α in time, where held-out frames are predicted better
 //! by them.
 //!
-//! Each stretch of a dozen frames or more may have its own α; nodes run on smoothly, but
-//! not where the log stops for a while.
+//! α is linear in time between nodes at least a dozen frames apart, except across gaps in the log.
 
 use super::Dataset;
 use super::quality::cross_validation;
@@ -14,29 +13,28 @@ use crate::units::Stamp;
 
 /// Frames that a node needs.
 const FRAMES_PER_NODE: usize = 12;
-const MOST_NODES: usize = 24;
-/// A log that stops for longer is not the same water (s), and …
+const MAX_NODES: usize = 24;
+/// α is not interpolated across gaps longer than this (s) and …
 const GAP_S: f64 = 120.0;
-/// … for so many times its own interval between frames.
+/// … than this many intervals between frames.
 const GAP_INTERVALS: f64 = 20.0;
-/// `auto` wants the height to have gone through its range so many times, …
-const LEAST_TRAVELS: f64 = 2.5;
-/// … where a turn back by less than this share of the range is bobbing, which many frames would add
-/// up.
-const LEAST_TURN: f64 = 0.2;
-/// `auto` wants held-out frames to be predicted better by this.
-const LEAST_IMPROVEMENT: f64 = 0.02;
+/// `auto` requires altitude to pass through its range this many times; …
+const MIN_PASSES: f64 = 2.5;
+/// … reversals by less than this share of the range do not count.
+const MIN_REVERSAL: f64 = 0.2;
+/// `auto` requires held-out frames to be predicted better by this.
+const MIN_IMPROVEMENT: f64 = 0.02;
 
 /// Nodes of α in time.
 #[derive(Clone, Debug)]
 pub struct DriftFit {
-    /// where they stand
+    /// times of the nodes
     pub stamps: Vec<Stamp>,
-    /// where each frame stands among them
+    /// position of each frame between the nodes
     pub grid: TimeGrid,
 }
 
-/// Nodes where the log supports them.
+/// Nodes, where the log supports them.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
     let found = nodes(data)?;
     if setup.config.drift == Switch::Auto && !altitude_recurs(data) {
@@ -52,44 +50,44 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
         paths,
     )?;
     let improvement = cross_validation::improvement(&without, &with);
-    (setup.config.drift == Switch::On || improvement > LEAST_IMPROVEMENT).then_some(found)
+    (setup.config.drift == Switch::On || improvement > MIN_IMPROVEMENT).then_some(found)
 }
 
-/// Whether the dive comes back to its heights: one long climb cannot tell changing water from what
-/// grows with height.
+/// Whether the dive returns to its altitudes: in one long climb changing water cannot be separated
+/// from errors that grow with altitude.
 fn altitude_recurs(data: &Dataset<'_>) -> bool {
     let mut by_time: Vec<(i64, f64)> =
         data.frames.iter().map(|f| (f.stamp.0, f.camera_altitude_m)).collect();
     by_time.sort_by_key(|(t, _)| *t);
-    let heights: Vec<f64> = by_time.iter().map(|(_, h)| *h).collect();
-    travels(&heights) > LEAST_TRAVELS
+    let altitudes_m: Vec<f64> = by_time.iter().map(|(_, altitude_m)| *altitude_m).collect();
+    passes(&altitudes_m) > MIN_PASSES
 }
 
-/// How many times a height goes through its range.
-fn travels(heights: &[f64]) -> f64 {
-    let span = stats::quantile(heights, 0.95) - stats::quantile(heights, 0.05);
-    // The height follows slowly, as a gear with play does.
-    let play = LEAST_TURN / 2.0 * span;
-    let mut at = heights.first().copied().unwrap_or_default();
-    let mut travelled = 0.0;
-    for height in heights {
-        let next = at.clamp(height - play, height + play);
-        travelled += (next - at).abs();
+/// How many times altitude passes through its range.
+fn passes(altitudes_m: &[f64]) -> f64 {
+    let span = stats::quantile(altitudes_m, 0.95) - stats::quantile(altitudes_m, 0.05);
+    // Hysteresis, so that reversals within `play` do not count.
+    let play = MIN_REVERSAL / 2.0 * span;
+    let mut at = altitudes_m.first().copied().unwrap_or_default();
+    let mut passed = 0.0;
+    for altitude_m in altitudes_m {
+        let next = at.clamp(altitude_m - play, altitude_m + play);
+        passed += (next - at).abs();
         at = next;
     }
-    travelled / (span - 2.0 * play)
+    passed / (span - 2.0 * play)
 }
 
 fn nodes(data: &Dataset<'_>) -> Option<DriftFit> {
     let times: Vec<i64> = data.frames.iter().map(|f| f.stamp.0).collect();
     let (first, last) = (*times.iter().min()?, *times.iter().max()?);
-    let intervals = (times.len() / FRAMES_PER_NODE).min(MOST_NODES - 1);
+    let intervals = (times.len() / FRAMES_PER_NODE).min(MAX_NODES - 1);
     if intervals == 0 || last <= first {
         return None;
     }
     let mut sorted = times.clone();
     sorted.sort_unstable();
-    // Nodes stand so that as many frames lie between each two.
+    // Equal numbers of frames between nodes.
     let stamps: Vec<i64> =
         (0..=intervals).map(|k| sorted[k * (sorted.len() - 1) / intervals]).collect();
     let steps: Vec<f64> = sorted.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-9).collect();
@@ -98,13 +96,13 @@ fn nodes(data: &Dataset<'_>) -> Option<DriftFit> {
         let within = sorted.windows(2).filter(|s| s[0] >= w[0] && s[1] <= w[1]);
         within.map(|s| (s[1] - s[0]) as f64 * 1e-9).fold(0.0, f64::max) < gap_s
     });
-    let place = |time: &i64| {
+    let position = |time: &i64| {
         let node = stamps.partition_point(|s| s <= time).saturating_sub(1).min(intervals - 1);
         let length = (stamps[node + 1] - stamps[node]).max(1) as f64;
         (node, ((time - stamps[node]) as f64 / length).clamp(0.0, 1.0))
     };
     let grid = TimeGrid {
-        frames: times.iter().map(place).collect(),
+        frames: times.iter().map(position).collect(),
         nodes: intervals + 1,
         is_joined: joined.collect(),
     };
@@ -122,10 +120,10 @@ mod tests {
                 1.5 + 1.5 * f64::from(i) / f64::from(frames) + 0.02 * (f64::from(i) * 1.3).sin()
             })
         };
-        let of = |frames: u32| travels(&climb(frames).collect::<Vec<_>>());
+        let of = |frames: u32| passes(&climb(frames).collect::<Vec<_>>());
         assert!(of(40) < 1.5 && of(400) < 1.5, "{} and {}", of(40), of(400));
         let swing: Vec<f64> =
             (0..200).map(|i| 2.2 + 0.7 * (f64::from(i) / 200.0 * 12.0).sin()).collect();
-        assert!(travels(&swing) > 3.0, "{}", travels(&swing));
+        assert!(passes(&swing) > 3.0, "{}", passes(&swing));
     }
 }

@@ -1,13 +1,12 @@
 //! Exposure, gain and strobe power that change along the log (G of Eq. 10): which channels the
-//! pictures follow, and how.
+//! images follow, and by which law.
 //!
-//! No driver says in its message whether its gain is a factor or counts decibels, nor whether a
-//! camera obeyed. The pictures do: from one frame to the next, points seen in both change by the
-//! ratio of the settings, beside what the step in height changes. Each channel is tried under both
-//! laws, and the one that explains most is taken, until none explains more. An exposure that
-//! follows the height itself, as a camera's own control does, leaves the pictures no say: such a
-//! channel is believed unless they contradict it. In: settings per frame. Out: the laws, and each
-//! frame's log gain.
+//! Messages do not state whether a gain is a factor or in decibels, nor whether the camera applied
+//! it. The images show it: from one frame to the next, points seen in both change by the ratio of
+//! the settings, beside the effect of altitude. Each channel is tried under every law, and the one
+//! that explains most is taken, until none explains more. An exposure that follows altitude, as
+//! automatic exposure does, cannot be tested so: it is used unless the images contradict it. In:
+//! settings per frame. Out: the laws, and the log gain of each frame.
 
 use std::collections::BTreeMap;
 
@@ -19,25 +18,26 @@ use crate::model::LightLaw;
 use crate::solver::Track;
 use crate::stats;
 
-/// Points that two frames must share for their light to be compared by them; else their means are.
-const LEAST_SHARED: usize = 10;
-/// A setting must explain this share of the mean change from frame to frame that height does not, …
-const LEAST_EXPLAINED: f64 = 0.2;
-/// … but one that height explains, to this share, must only …
-const OF_HEIGHT: f64 = 0.3;
-/// … not contradict the pictures by more than this.
-const MOST_CONTRADICTED: f64 = 0.05;
-/// Fewer changes hold no slopes beside a setting.
-const LEAST_CHANGES: usize = 8;
+/// Fewest points that two frames share to compare their light by these; else by their means.
+const MIN_SHARED: usize = 10;
+/// Share of the mean change from frame to frame, beside the effect of altitude, that a setting must
+/// explain.
+const MIN_EXPLAINED: f64 = 0.2;
+/// A setting that follows altitude but for this share …
+const OF_ALTITUDE: f64 = 0.3;
+/// … must only not increase the mean change by more than this share.
+const MAX_CONTRADICTED: f64 = 0.05;
+/// Fewest changes to fit slopes over altitude.
+const MIN_CHANGES: usize = 8;
 
 /// A channel that the frames follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowedSetting {
     /// which of the settings
     pub index: usize,
-    /// how it acts
+    /// how light depends on it
     pub law: LightLaw,
-    /// the setting that counts as gain 1
+    /// the value of gain 1
     pub reference: f64,
 }
 
@@ -56,8 +56,8 @@ struct Change {
     frames: (usize, usize),
     /// mean over bands
     log_light: f64,
-    /// of the camera over the floor (m), and the log of it
-    height: [f64; 2],
+    /// of the camera's altitude (m), and of its log
+    altitude: [f64; 2],
 }
 
 /// Which settings (each a number per frame) the frames follow.
@@ -72,7 +72,7 @@ pub fn followed(
 fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedSetting> {
     let mut found: Vec<FollowedSetting> = Vec::new();
     loop {
-        let unexplained = beside_height(&changes, |c| c.log_light);
+        let unexplained = beside_altitude(&changes, |c| c.log_light);
         let mut best: Option<(f64, FollowedSetting, Vec<f64>)> = None;
         for (index, values) in
             settings.iter().enumerate().filter(|(i, _)| found.iter().all(|f| f.index != *i))
@@ -82,13 +82,13 @@ fn followed_by(mut changes: Vec<Change>, settings: &[Vec<f64>]) -> Vec<FollowedS
                     values.iter().map(|v| law.log_light(*v).filter(|l| l.is_finite())).collect();
                 let Some(logs) = logs else { continue };
                 let step = |c: &Change| logs[c.frames.1] - logs[c.frames.0];
-                let size = beside_height(&changes, |c| c.log_light - step(c));
+                let size = beside_altitude(&changes, |c| c.log_light - step(c));
                 let whole = stats::mean_absolute(&changes.iter().map(step).collect::<Vec<_>>());
-                let is_of_height = whole > 0.0
-                    && changes.len() >= LEAST_CHANGES
-                    && beside_height(&changes, step) < OF_HEIGHT * whole;
+                let is_of_altitude = whole > 0.0
+                    && changes.len() >= MIN_CHANGES
+                    && beside_altitude(&changes, step) < OF_ALTITUDE * whole;
                 let allowed =
-                    if is_of_height { 1.0 + MOST_CONTRADICTED } else { 1.0 - LEAST_EXPLAINED };
+                    if is_of_altitude { 1.0 + MAX_CONTRADICTED } else { 1.0 - MIN_EXPLAINED };
                 if size < allowed * unexplained && best.as_ref().is_none_or(|b| size < b.0) {
                     best = Some((
                         size,
@@ -144,11 +144,11 @@ pub fn explaining(log_gains: &[f64], settings: &[Vec<f64>]) -> Vec<FollowedSetti
 /// Rounds of reweighting.
 const ROUNDS: usize = 4;
 
-/// Mean size of what of a change is left when slopes over height and log height are taken out, by
-/// least squares, strays (a strobe that failed) weighing less.
-fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
+/// Mean absolute change after slopes over altitude and log altitude are removed, by robust least
+/// squares.
+fn beside_altitude(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
     let values: Vec<f64> = changes.iter().map(of).collect();
-    if changes.len() < LEAST_CHANGES {
+    if changes.len() < MIN_CHANGES {
         return stats::mean_absolute(&values);
     }
     let mut left = values.clone();
@@ -156,7 +156,8 @@ fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
         let scale = stats::robust_std(&left);
         let (mut normal, mut right) = (Matrix2::identity() * 1e-12, Vector2::zeros());
         for ((change, value), left) in changes.iter().zip(&values).zip(&left) {
-            let (row, weight) = (Vector2::from(change.height), stats::cauchy_weight(*left, scale));
+            let (row, weight) =
+                (Vector2::from(change.altitude), stats::cauchy_weight(*left, scale));
             normal += row * row.transpose() * weight;
             right += row * *value * weight;
         }
@@ -164,13 +165,13 @@ fn beside_height(changes: &[Change], of: impl Fn(&Change) -> f64) -> f64 {
         left = changes
             .iter()
             .zip(&values)
-            .map(|(c, v)| v - slopes.dot(&Vector2::from(c.height)))
+            .map(|(c, v)| v - slopes.dot(&Vector2::from(c.altitude)))
             .collect();
     }
     stats::mean_absolute(&left)
 }
 
-/// From neighbour to neighbour.
+/// Changes from frame to frame.
 fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
     let mut shared: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for track in tracks {
@@ -192,10 +193,10 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
         };
         let log_light = shared
             .get(&a)
-            .filter(|s| s.len() >= LEAST_SHARED)
+            .filter(|s| s.len() >= MIN_SHARED)
             .map_or_else(by_mean, |s| stats::median(s));
         let (before, after) = (frames[a].camera_altitude_m, frames[a + 1].camera_altitude_m);
-        Change { frames: (a, a + 1), log_light, height: [after - before, (after / before).ln()] }
+        Change { frames: (a, a + 1), log_light, altitude: [after - before, (after / before).ln()] }
     };
     (0..frames.len().saturating_sub(1)).map(of_pair).collect()
 }
@@ -204,19 +205,19 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
 mod tests {
     use super::*;
 
-    /// A swing between 1.5 and 3 m; what the camera's settings were, whether it obeyed them.
-    fn dive(setting: impl Fn(usize, f64) -> f64, obeyed: bool) -> Vec<FollowedSetting> {
-        let height = |i: usize| 2.25 + 0.75 * (i as f64 * 0.35).sin();
-        let by_height = |i: usize| -0.46 * height(i) - 2.0 * height(i).ln();
-        let log_set: Vec<f64> = (0..40).map(|i| setting(i, by_height(i))).collect();
+    /// A dive between 1.5 and 3 m altitude with these settings, and whether the camera applied them.
+    fn dive(setting: impl Fn(usize, f64) -> f64, applied: bool) -> Vec<FollowedSetting> {
+        let altitude = |i: usize| 2.25 + 0.75 * (i as f64 * 0.35).sin();
+        let by_altitude = |i: usize| -0.46 * altitude(i) - 2.0 * altitude(i).ln();
+        let log_set: Vec<f64> = (0..40).map(|i| setting(i, by_altitude(i))).collect();
         let noise = |i: usize| 0.02 * ((i * 7919 % 101) as f64 / 50.0 - 1.0);
         let change = |i: usize| {
-            let obeyed = if obeyed { log_set[i + 1] - log_set[i] } else { 0.0 };
-            let log_light = by_height(i + 1) - by_height(i) + obeyed + noise(i);
+            let applied = if applied { log_set[i + 1] - log_set[i] } else { 0.0 };
+            let log_light = by_altitude(i + 1) - by_altitude(i) + applied + noise(i);
             Change {
                 frames: (i, i + 1),
                 log_light,
-                height: [height(i + 1) - height(i), (height(i + 1) / height(i)).ln()],
+                altitude: [altitude(i + 1) - altitude(i), (altitude(i + 1) / altitude(i)).ln()],
             }
         };
         let values = log_set.iter().map(|l| 800.0 * l.exp()).collect();
@@ -235,10 +236,10 @@ mod tests {
     }
 
     #[test]
-    fn settings_at_random_are_followed_where_the_camera_obeys() {
+    fn settings_at_random_are_followed_where_the_camera_applies_them() {
         let at_random = |i: usize, _: f64| (i * 31 % 17) as f64 / 17.0;
         assert_eq!(dive(at_random, true).len(), 1);
         assert_eq!(dive(at_random, false).len(), 0);
-        assert_eq!(dive(|_, _| 0.0, true).len(), 0, "a setting that never changes says nothing");
+        assert_eq!(dive(|_, _| 0.0, true).len(), 0, "a constant setting");
     }
 }

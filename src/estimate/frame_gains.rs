@@ -1,9 +1,9 @@
-//! Frames that got another amount of light: a strobe at half power, a changed exposure that no
-//! channel reports.
+//! Frames with another amount of light: a strobe at half power, a changed exposure that no channel
+//! reports.
 //!
-//! A free gain per frame would take the level of α with it, as gain and altitude are nearly
-//! degenerate. So gains are estimated only to find the frames that stand out from their neighbours;
-//! those are corrected, all others keep gain 1.
+//! A free gain per frame would leave the level of α undetermined, as gain and altitude are nearly
+//! degenerate. So gains are estimated only to find frames that differ from their neighbours; those
+//! are corrected, all others keep gain 1.
 //!
 //! ```text
 //! e_o = log c − log radiance = ρ_t + g_f     tracks t, frames f; ρ eliminated, g held to 0 weakly
@@ -21,8 +21,8 @@ use crate::solver::terms::{PriorEquations, TermList};
 use crate::solver::{Equation, LinearSystem, Observation, Problem, Track, sample_path};
 use crate::stats;
 
-/// A frame stands out where its log gain differs from its neighbours' by this (log light), and by
-/// so many spreads.
+/// A frame differs where its log gain is off its neighbours' by this (log light), and by this many
+/// spreads.
 const STANDS_OUT: f64 = 0.15;
 const SPREADS: f64 = 6.0;
 /// Neighbours on either side that a frame is compared with.
@@ -36,8 +36,8 @@ const MIN_SPREAD: f64 = 0.02;
 /// Weight that holds a gain to 0, in observations.
 const HOLD_WEIGHT: f64 = 1.0;
 
-/// Log gains of the frames that got another amount of light than their neighbours; 0 for all
-/// others, and for all where frames do not overlap.
+/// Log gains of the frames with another amount of light than their neighbours; 0 for all others, and
+/// for all where frames do not overlap.
 pub fn uneven_light(data: &Dataset<'_>, config: &EstimateConfig) -> Vec<f64> {
     let model = || {
         let setup = data.setup(BeamGrid::new(config.beam_nodes, config.beam_limit_deg), config);

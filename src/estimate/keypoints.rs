@@ -1,11 +1,10 @@
-//! Keypoints with sub-pixel place, scale and orientation, and a descriptor to match them by (paper
+//! Keypoints with sub-pixel position, scale and orientation, and a descriptor to match them (paper
 //! §IV-B, reference 39).
 //!
-//! Differences of Gaussians on the *logarithm* of light: there a contrast means the same in the
-//! bright middle of the beam and in its dark rim. After Lowe (IJCV 2004); ours, because pass one
-//! must not wait for it: the picture is reduced first, as colours are pooled over several pixels
-//! anyway. In: linear light. Out: places in pixels of the full image. Sums run in a fixed order,
-//! so results do not depend on threads.
+//! Differences of Gaussians (Lowe, IJCV 2004) of the logarithm of light, in which contrast does not
+//! depend on the brightness of the beam. The image is reduced first, as light is averaged over
+//! several pixels anyway. In: linear light. Out: positions in pixels of the full image. Sums have a
+//! fixed order: results do not depend on threads.
 
 use super::descriptor::Descriptor;
 use crate::config::MatchingConfig;
@@ -20,17 +19,17 @@ pub struct Keypoint {
     pub v: f64,
     /// strength (log light)
     pub response: f32,
-    /// what it looks like
+    /// for matching
     pub descriptor: Descriptor,
 }
 
 const SCALES: usize = 3;
 const SIGMA: f32 = 1.6;
-/// blur that the reduced image is taken to have already (px)
+/// blur that the reduced image is assumed to have (px)
 const INPUT_SIGMA: f32 = 0.6;
 const EDGE_RATIO: f32 = 10.0;
 const BORDER: usize = 6;
-/// keypoints are spread over this many cells, so that the beam is seen all over
+/// keypoints are spread over this many cells, to cover the whole beam
 const CELLS: (usize, usize) = (8, 6);
 
 /// One level of the scale-space pyramid.
@@ -46,18 +45,18 @@ impl Plane {
     }
 }
 
-/// An extremum, before anything is said of what it looks like.
+/// An extremum without descriptor.
 struct Extremum {
     octave: usize,
     level: usize,
-    /// place in its octave (px)
+    /// column and row in its octave (px)
     u: f32,
     v: f32,
     sigma: f32,
     response: f32,
 }
 
-/// Finds at most `config.keypoints_per_frame` keypoints, strongest first, spread over the picture.
+/// Finds at most `config.keypoints_per_frame` keypoints, strongest first, spread over the image.
 pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> {
     let reduction = config.reduction(image.light.width, image.light.height);
     let base = log_light(image, reduction);
@@ -86,14 +85,14 @@ pub fn keypoints(image: &SensorImage, config: &MatchingConfig) -> Vec<Keypoint> 
         octaves.push(levels);
     }
     let keypoint = |e: Extremum| {
-        // An octave keeps every second pixel (0 stays 0); a reduced pixel is the mean of a block (0
+        // An octave has every second pixel (0 stays 0); a reduced pixel is the mean of a block (0
         // becomes its centre).
         let halvings = f64::from(1u32 << e.octave);
         let full = |c: f32| (f64::from(c) * halvings + 0.5) * reduction as f64 - 0.5 + shift;
         (full(e.u), full(e.v), e)
     };
     let kept = spread(found.into_iter().map(keypoint).collect(), image, config.keypoints_per_frame);
-    // What a keypoint looks like is costly, and told of those that are kept only.
+    // Descriptors are costly: only of those that are kept.
     let described = |(u, v, e): (f64, f64, Extremum)| {
         let level = &octaves[e.octave][e.level];
         let angle = level.orientation(e.u, e.v, e.sigma);
@@ -133,7 +132,7 @@ fn log_light(image: &SensorImage, factor: usize) -> Plane {
     Plane { width, height, data }
 }
 
-/// Separable Gaussian, edges repeated. `rows` is room to work in.
+/// Separable Gaussian, edges repeated. `rows` is working memory.
 fn blurred(plane: &Plane, sigma: f32, rows: &mut Vec<f32>) -> Plane {
     let radius = (3.0 * sigma).ceil() as usize;
     let mut kernel: Vec<f32> =
@@ -167,8 +166,8 @@ fn blurred(plane: &Plane, sigma: f32, rows: &mut Vec<f32>) -> Plane {
     Plane { width: w, height: h, data }
 }
 
-/// Appends a line under a symmetric kernel; `beside` gives the lines so many steps to either side
-/// of it.
+/// Appends a line convolved with a symmetric kernel; `beside` returns the lines i steps to either
+/// side of it.
 fn weighted<'l>(
     line: &[f32],
     kernel: &[f32],
@@ -226,8 +225,8 @@ fn extrema(differences: &[Plane], octave: usize, threshold: f32, found: &mut Vec
     }
 }
 
-/// Which places of a row are at least so strong and beyond all eight neighbours: without a branch,
-/// as hardly any is.
+/// Which pixels of a row exceed the threshold and all eight neighbours; without branches, as hardly
+/// any does.
 fn beyond_neighbours(plane: &Plane, y: usize, threshold: f32, stands_out: &mut [bool]) {
     let w = plane.width;
     let row = |y: usize| &plane.data[y * w..][..w];
@@ -252,7 +251,7 @@ fn beyond_neighbours(plane: &Plane, y: usize, threshold: f32, stands_out: &mut [
     }
 }
 
-/// Whether it is beyond the nine places of both neighbours in scale, too.
+/// Whether it exceeds the nine pixels of both neighbours in scale, too.
 fn is_extreme(scales: [&Plane; 2], x: usize, y: usize, value: f32) -> bool {
     let beats = |o: f32| if value > 0.0 { value > o } else { value < o };
     scales.iter().all(|plane| {
@@ -261,8 +260,8 @@ fn is_extreme(scales: [&Plane; 2], x: usize, y: usize, value: f32) -> bool {
     })
 }
 
-/// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it runs away or lies
-/// on an edge.
+/// Quadratic fit around an extremum: column, row, |value|, scale; `None` where it does not converge
+/// or lies on an edge.
 fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, f32)> {
     let (mut s, mut x, mut y) = (s, x, y);
     for _ in 0..4 {
@@ -304,16 +303,16 @@ fn refined(d: &[Plane], s: usize, x: usize, y: usize) -> Option<(f32, f32, f32, 
     None
 }
 
-/// The strongest extrema of each cell first, then the strongest of all, up to `most`.
+/// The strongest extrema of each cell first, then the strongest of all, up to `max`.
 fn spread(
     mut found: Vec<(f64, f64, Extremum)>,
     image: &SensorImage,
-    most: usize,
+    max: usize,
 ) -> Vec<(f64, f64, Extremum)> {
     found.sort_by(|a, b| {
         b.2.response.total_cmp(&a.2.response).then(a.1.total_cmp(&b.1)).then(a.0.total_cmp(&b.0))
     });
-    let quota = most.div_ceil(CELLS.0 * CELLS.1);
+    let quota = max.div_ceil(CELLS.0 * CELLS.1);
     let mut filled = vec![0usize; CELLS.0 * CELLS.1];
     let cell = |(u, v, _): &(f64, f64, Extremum)| {
         let index = |c: f64, n: usize, cells: usize| {
@@ -326,9 +325,9 @@ fn spread(
         *count += 1;
         *count <= quota
     });
-    let room = most.saturating_sub(kept.len());
-    kept.extend(rest.into_iter().take(room));
-    kept.truncate(most);
+    let left = max.saturating_sub(kept.len());
+    kept.extend(rest.into_iter().take(left));
+    kept.truncate(max);
     kept
 }
 
@@ -337,8 +336,8 @@ mod tests {
     use super::*;
     use crate::image::LinearImage;
 
-    /// Blobs at known places, seen by a camera that is turned, shifted and dimmed.
-    fn picture(turn: f64, shift: (f64, f64), gain: f32) -> SensorImage {
+    /// Blobs at known positions, seen by a camera that is rotated, shifted and dimmed.
+    fn seen(turn: f64, shift: (f64, f64), gain: f32) -> SensorImage {
         let mut image = LinearImage::new(320, 240, 3);
         let (sin, cos) = turn.sin_cos();
         for y in 0..240 {
@@ -365,8 +364,8 @@ mod tests {
         let config = MatchingConfig::default();
         let (turn, shift) = (0.3, (7.3, -4.6));
         let (a, b) = (
-            keypoints(&picture(0.0, (0.0, 0.0), 1.0), &config),
-            keypoints(&picture(turn, shift, 0.2), &config),
+            keypoints(&seen(0.0, (0.0, 0.0), 1.0), &config),
+            keypoints(&seen(turn, shift, 0.2), &config),
         );
         assert!(a.len() >= 30 && b.len() >= 30, "{} and {}", a.len(), b.len());
         let (sin, cos) = f64::sin_cos(turn);

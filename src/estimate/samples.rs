@@ -1,16 +1,16 @@
-//! Pixels → samples, to stop needing pixels: colours of keypoints' patches and of a coarse grid
-//! (paper §IV-B).
+//! Samples of a frame: log light of patches around keypoints and of a coarse grid (paper §IV-B).
+//! The pixels are not needed afterwards.
 //!
-//! Colours are pooled in *linear* light under a Gaussian that covers the same metres of seafloor in
-//! every view of a point: pooled over the same number of pixels instead, the farther view averages
+//! Light is averaged in linear values under a Gaussian that covers the same metres of seafloor in
+//! every view of a point. Averaged over the same number of pixels instead, the farther view covers
 //! more seafloor, and the log of a mean is not the mean of logs (−0.02 per metre in α). So each
-//! keypoint is pooled over a ladder of footprints, fixed in metres, and views that meet later agree
-//! on a rung. Then the logarithm. Patches with clipped pixels, near black, or reaching over the
-//! edge give none. A mosaic is pooled as it is, each band over its own pixels: demosaicing lets
-//! green's curvature leak into dim red, and keypoints are where curvature is greatest.
+//! keypoint is averaged over several footprints of fixed size in metres, and views that are matched
+//! later are compared at a level they share. Patches that hold clipped pixels, are near black or
+//! reach over the edge are left out. A mosaic is averaged as it is, each band over its own pixels:
+//! demosaicing mixes the curvature of green into dim red, and keypoints are where curvature is
+//! greatest.
 //!
-//! A sample keeps what does not depend on where the strobe is; the light path is derived when
-//! asked.
+//! A sample does not depend on the strobe's position; light paths are computed from it when needed.
 
 use std::ops::Range;
 
@@ -23,23 +23,23 @@ use crate::units::Stamp;
 
 use super::keypoints::{Keypoint, keypoints};
 
-/// Rungs of the ladder from a keypoint's own smallest on: factor √2 each, so views up to 4× nearer
-/// find theirs.
-const RUNGS: usize = 5;
-/// Rungs beyond what the planes ask for: on relief that is followed, slopes are steeper.
-const SPARE_RUNGS: i32 = 1;
+/// Footprints of a keypoint, from the smallest that it resolves: factor √2 each, for views up to 4×
+/// nearer.
+const LEVELS: usize = 5;
+/// Levels beyond those that the planes need: terrain has steeper slopes.
+const SPARE_LEVELS: i32 = 1;
 /// Patches are cut at this many standard deviations.
 const PATCH_SIGMAS: f64 = 2.5;
 
-/// A keypoint's place and its colours on the ladder.
+/// The seafloor point of a keypoint and its light at several levels.
 #[derive(Clone, Debug)]
 pub struct KeypointSample {
-    /// place; `log_color` is unused
+    /// seafloor point; `log_color` is unused
     pub sample: Sample,
-    /// index of the first rung: footprint 1 mm × √2^rung
-    pub first_rung: i32,
-    /// log c_Λ on each rung; NaN where there is none
-    pub ladder: [[f32; 3]; RUNGS],
+    /// the first level: its footprint is 1 mm × √2^level
+    pub first_level: i32,
+    /// log c_Λ at each level; NaN where there is none
+    pub log_colors: [[f32; 3]; LEVELS],
 }
 
 /// All samples of one frame.
@@ -47,19 +47,19 @@ pub struct KeypointSample {
 pub struct FrameSamples {
     /// index of the frame in the log
     pub frame: usize,
-    /// when it was taken
+    /// time of its header, clock offset added
     pub stamp: Stamp,
-    /// the plane's normal; a sample's own may differ where the ground is not flat
+    /// of the plane; on terrain that of a sample may differ
     pub normal: Direction<Body>,
-    /// height of the camera over it (m)
+    /// altitude of the camera above the plane (m)
     pub camera_altitude_m: f64,
-    /// bands of the picture
+    /// bands of the image
     pub bands: usize,
-    /// the keypoints, as matching needs them
+    /// keypoints to match
     pub keypoints: Vec<Keypoint>,
     /// their image-plane coordinates
     pub places: Vec<(f64, f64)>,
-    /// their places and colours
+    /// their samples
     pub samples: Vec<KeypointSample>,
     /// a coarse grid over the frame: index of the cell, and its sample
     pub grid: Vec<(u32, Sample)>,
@@ -69,44 +69,44 @@ pub struct FrameSamples {
     pub mean_light: [f64; 3],
     /// mean linear light per band as the camera gave it: without a flat field
     pub mean_reading: [f64; 3],
-    /// whether the picture came as codes of 8 bits
+    /// whether the image has pixel values of 8 bits
     pub eight_bit: bool,
-    /// whether its transfer curve is taken to be sRGB
+    /// whether its transfer curve is assumed to be sRGB
     pub is_srgb: bool,
     /// the plane's distance from the body's origin (m)
     pub distance_m: f64,
-    /// whether the plane's slopes were taken to be level, for want of beams
+    /// whether the plane is assumed level, for want of beams
     pub is_level_assumed: bool,
     /// whether the vehicle's attitude is known
     pub has_attitude: bool,
-    /// the planes that many seconds earlier and later, where there are any
+    /// planes a little earlier and later, where there are any
     pub planes_around: Option<[(Direction<Body>, f64); 2]>,
 }
 
 impl FrameSamples {
-    /// Its keypoints are tracks now, and no longer needed: most of what a frame takes.
+    /// Frees the keypoints, most of a frame's memory, once they are matched.
     pub fn drop_keypoints(&mut self) {
         (self.keypoints, self.places, self.samples) = Default::default();
     }
 
-    /// The same frame with another grid, and without its keypoints.
+    /// The same frame with another grid and without keypoints.
     pub fn with_grid(&self, grid: Vec<(u32, Sample)>) -> Self {
         let (keypoints, places, samples, dark) = Default::default();
         Self { keypoints, places, samples, dark, grid, ..*self }
     }
 }
 
-/// Standard deviation of a rung's footprint on the seafloor (m).
-fn footprint_m(rung: i32) -> f64 {
-    1e-3 * 2f64.powf(f64::from(rung) / 2.0)
+/// Standard deviation of the footprint of a level on the seafloor (m).
+fn footprint_m(level: i32) -> f64 {
+    1e-3 * 2f64.powf(f64::from(level) / 2.0)
 }
 
-/// A pixel is itself a mean over its square, so much of a Gaussian's variance (px²).
+/// A pixel is a mean over its square: its share of a Gaussian's variance (px²).
 const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 
-/// Metres of seafloor to a pixel along the picture's rows and columns: of the circle on the
-/// seafloor, seen as an ellipse, both the shape and the area. Slant range alone would not do: a
-/// pixel off the axis sees a smaller angle, and a floor that it meets at a slant is drawn out.
+/// Metres of seafloor per pixel along the rows and columns of the image: a circle on the seafloor
+/// is seen as an ellipse of this shape and area. Slant range alone is not enough: a pixel off the
+/// axis covers a smaller angle, and inclined seafloor is foreshortened.
 fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Option<[f64; 2]> {
     let along = |du: f64, dv: f64| {
         Some(view.seafloor_point(u + du, v + dv)?.position.vector() - hit.vector())
@@ -118,14 +118,13 @@ fn pixel_on_seafloor_m(view: &View<'_>, u: f64, v: f64, hit: &Point<Body>) -> Op
         .filter(|m| m.iter().all(|m| *m > 0.0 && m.is_finite()))
 }
 
-/// The smallest footprint of a keypoint, where a pixel covers so much.
-fn first_rung(pixel_m: f64, matching: &MatchingConfig) -> i32 {
+/// The level of a keypoint's smallest footprint, for the size of a pixel on the seafloor.
+fn first_level(pixel_m: f64, matching: &MatchingConfig) -> i32 {
     (2.0 * (matching.footprint_px * pixel_m / 1e-3).log2()).ceil() as i32
 }
 
-/// Metres of seafloor that the coarsest corner's pixel covers, times the focal length: how far up
-/// the ladders of frames that see the same points must go. Infinite where a corner sees no
-/// seafloor.
+/// Metres of seafloor that the pixel of the coarsest corner covers, times the focal length; it
+/// limits the levels of frames that see the same points. Infinite where a corner sees no seafloor.
 pub fn coarsest_m(view: &View<'_>) -> f64 {
     let (right, bottom) = (view.camera.width as f64 - 1.0, view.camera.height as f64 - 1.0);
     let corner = |(u, v): (f64, f64)| {
@@ -138,8 +137,8 @@ pub fn coarsest_m(view: &View<'_>) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Takes the samples of one frame; keypoints where the coarsest view of any frame is told
-/// (`coarsest_m`).
+/// Samples of one frame; with keypoints where `keypoints_up_to`, the largest [`coarsest_m`] of all
+/// frames, is given.
 pub fn sample_frame(
     (frame, stamp): (usize, Stamp),
     image: &SensorImage,
@@ -171,7 +170,8 @@ pub fn sample_frame(
         planes_around: None,
     };
     let Some(coarsest_m) = keypoints_up_to else { return taken };
-    let last_rung = first_rung(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_RUNGS);
+    let last_level =
+        first_level(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_LEVELS);
     for keypoint in keypoints(image, matching) {
         let Some((x, y)) = view.camera.image_plane(keypoint.u, keypoint.v) else { continue };
         let Some(SeafloorPoint { position: hit, seafloor_to_camera_m, normal }) =
@@ -182,17 +182,17 @@ pub fn sample_frame(
         let Some(pixel_m) = pixel_on_seafloor_m(view, keypoint.u, keypoint.v, &hit) else {
             continue;
         };
-        let first_rung = first_rung((pixel_m[0] * pixel_m[1]).sqrt(), matching);
-        let sigma_px = |rung: i32| {
-            pixel_m.map(|m| ((footprint_m(rung) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt())
+        let first_level = first_level((pixel_m[0] * pixel_m[1]).sqrt(), matching);
+        let sigma_px = |level: i32| {
+            pixel_m.map(|m| ((footprint_m(level) / m).powi(2) - PIXEL_VARIANCE).max(0.01).sqrt())
         };
-        let pool = |rung: i32| pooled(image, keypoint.u, keypoint.v, sigma_px(rung), config);
-        let on_rung = |rung: i32| if rung <= last_rung { pool(rung) } else { [f32::NAN; 3] };
-        let ladder = std::array::from_fn(|k| on_rung(first_rung + k as i32));
+        let pool = |level: i32| pooled(image, keypoint.u, keypoint.v, sigma_px(level), config);
+        let at_level = |level: i32| if level <= last_level { pool(level) } else { [f32::NAN; 3] };
+        let log_colors = std::array::from_fn(|k| at_level(first_level + k as i32));
         taken.samples.push(KeypointSample {
             sample: Sample { hit, seafloor_to_camera_m, normal, log_color: [f32::NAN; 3] },
-            first_rung,
-            ladder,
+            first_level,
+            log_colors,
         });
         taken.places.push((x, y));
         taken.keypoints.push(keypoint);
@@ -201,9 +201,9 @@ pub fn sample_frame(
 }
 
 impl KeypointSample {
-    /// The colour on a rung, `None` where it was not taken or is no measurement.
-    pub fn on_rung(&self, rung: i32, bands: usize) -> Option<Sample> {
-        let log_color = *self.ladder.get(usize::try_from(rung - self.first_rung).ok()?)?;
+    /// The sample at a level; `None` where it has no light.
+    pub fn at_level(&self, level: i32, bands: usize) -> Option<Sample> {
+        let log_color = *self.log_colors.get(usize::try_from(level - self.first_level).ok()?)?;
         log_color[..bands]
             .iter()
             .all(|v| v.is_finite())
@@ -211,7 +211,7 @@ impl KeypointSample {
     }
 }
 
-/// Light over a part of a picture.
+/// Sums of light over a part of an image.
 #[derive(Default)]
 struct Pool {
     /// weighted sum per band
@@ -228,7 +228,7 @@ impl Pool {
         std::array::from_fn(|b| self.sum[b] / self.weights[b])
     }
 
-    /// Takes another part in.
+    /// Adds another part.
     fn add(&mut self, part: &Pool) {
         for b in 0..3 {
             self.sum[b] += part.sum[b];
@@ -238,12 +238,11 @@ impl Pool {
     }
 }
 
-/// Rows are summed in single precision, so many at a time, and then in double: a whole picture
-/// keeps its digits.
+/// Rows are summed in single precision, so many at a time, and these sums in double: a whole image
+/// has too many pixels for single precision.
 const ROWS_AT_ONCE: usize = 64;
 
-/// Pools linear light with separable weights: rows into one row, many values at a time, and then
-/// along that.
+/// Sums linear light with separable weights: rows into one row, and then along that.
 fn pool(
     image: &SensorImage,
     columns: Range<usize>,
@@ -255,7 +254,7 @@ fn pool(
     let across: Vec<f32> = columns.clone().map(across).collect();
     let mut pooled = Pool::default();
     let mut of_columns = vec![0f32; across.len() * bands];
-    // Even rows of a mosaic hold other bands than odd ones; of any other picture they are alike.
+    // Even and odd rows of a mosaic hold different bands.
     let turns = if image.mosaic.is_some() { 2 } else { 1 };
     for (first, turn) in rows
         .clone()
@@ -286,7 +285,7 @@ fn pool(
     pooled
 }
 
-/// Adds a row with a weight, and gives its largest value.
+/// Adds a row with a weight; returns its largest value.
 fn add_row(row: &[f32], weight: f32, sums: &mut [f32]) -> f32 {
     const LANES: usize = 8;
     let ((blocks, rest), (sums, last)) = (row.as_chunks::<LANES>(), sums.as_chunks_mut::<LANES>());
@@ -349,16 +348,14 @@ const LEAST_LIGHT: f64 = 1e-6;
 /// Samples of a grid's blocks, and of those that are near black or partly clipped.
 type Blocks = (Vec<(u32, Sample)>, Vec<(u32, Sample)>);
 
-/// Samples of a grid's blocks, and the mean light of the whole image, which they and what is left
-/// beside them make up.
+/// Samples of a grid's blocks, and the mean light of the whole image.
 fn grid(
     image: &SensorImage,
     view: &View<'_>,
     reduction: usize,
     config: &EstimateConfig,
 ) -> (Blocks, [f64; 3]) {
-    // As many blocks for a large picture as for a small one: what is kept must not grow with the
-    // camera.
+    // The number of blocks, and so the memory, does not depend on the image size.
     let step = config.grid_step_px * reduction;
     let (width, height, bands) = (image.light.width, image.light.height, image.bands());
     let (columns, rows) = (width / step, height / step);

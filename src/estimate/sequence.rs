@@ -35,7 +35,7 @@ const TURNS: usize = 3;
 const SETTLED_M: f64 = 0.01;
 /// A strobe that moves further asks for the camera to be found again (m).
 const MOVED_M: f64 = 0.03;
-/// The camera is believed to be at fault where that lowers the cost by this.
+/// Terms of the camera are used where they lower the cost by this.
 const LEAST_DECREASE: f64 = 0.05;
 
 /// The samples, those without recorded gains and drop-outs, the latter, and their explanation.

@@ -1,11 +1,11 @@
-//! The strobe that nobody measured: its place from the log itself.
+//! Position of a strobe that was not measured, from the log itself.
 //!
-//! No public recording holds a strobe's pose, but the residual of the joint solve knows it: 0.2 m
-//! fore-and-aft nearly doubles it. The place, three numbers, joins the unknowns to first order; a
-//! step is taken where the residual falls (`descent`), the pattern solved again at each place. The
-//! orientation does not matter: the pattern's grid takes it up. From nothing, the search begins at
-//! the best of a few places around the camera. In: tracks. Out: the place in body space (m), its
-//! standard deviation, and the residual there.
+//! The residual of the joint solve depends on it: an error of 0.2 m fore and aft nearly doubles it.
+//! The position is a linearised unknown of the solve; a step is taken where the residual falls
+//! ([`minimize`]), and the beam pattern is solved again there. The orientation does not matter, as
+//! the grid of the beam pattern represents it. Without a given position the search begins at the
+//! best of a few around the camera. In: tracks. Out: the position in body coordinates (m), its
+//! standard deviation, and the residual.
 
 use nalgebra::Vector3;
 
@@ -18,17 +18,17 @@ use crate::solver::terms::geometry::strobe_position;
 use crate::solver::{Minimum, Problem, SETTLED, Setup, Track, minimize, sample_path, thinned};
 use crate::vehicle::{Lamps, StrobeSource};
 
-/// Places tried around the camera before the search begins (m).
+/// Distance from the camera of the positions that a search may begin at (m).
 const FIRST_RING_M: f64 = 0.6;
-/// Observations that hold three numbers well enough; more only cost time.
+/// Observations that determine three numbers well enough.
 const MAX_OBSERVATIONS: usize = 16_000;
 
-/// Where the light was found.
+/// The position that was found.
 #[derive(Clone, Debug)]
 pub struct StrobeFit {
-    /// its mount: found place, orientation as at the start
+    /// its mount: position found, orientation as at the start
     pub lamps: Lamps,
-    /// standard deviation of the place, per body axis (m)
+    /// standard deviation of the position, per body axis (m)
     pub std_m: [f64; 3],
     /// residual of the solve at the start, and where it was found (log light)
     pub residual: [f64; 2],
@@ -36,16 +36,16 @@ pub struct StrobeFit {
     pub moved_m: f64,
 }
 
-/// Where the light is taken to sit, and how that came about.
+/// The position that is used, and where it is from.
 #[derive(Clone, Debug)]
 pub struct StrobePlacement {
     /// its mount
     pub lamps: Lamps,
-    /// `found` or `refined`, where it was searched for and taken
+    /// `found` or `refined`, where it is the result of a search
     pub source: Option<StrobeSource>,
     /// the search, where there was one
     pub search: Option<StrobeFit>,
-    /// why the position is not to be trusted
+    /// why the position is unreliable
     pub warning: Option<MountFact>,
 }
 
@@ -56,21 +56,20 @@ impl StrobePlacement {
     }
 }
 
-/// A place that moved less than this, or less than three standard deviations, does not contradict
-/// the given one (m).
+/// A position closer than this, or than three standard deviations, does not contradict the given
+/// one (m).
 const CONTRADICTION_M: f64 = 0.06;
 /// A contradiction is this many standard deviations away, and leaves at most this share of the
 /// residual.
 const SURE: f64 = 3.0;
 const MAX_RESIDUAL: f64 = 0.9;
-/// A given place is only checked: shorter steps hardly add up to a contradiction (m).
+/// Where a given position is only checked, shorter steps end the search (m).
 const CHECKED_M: f64 = CONTRADICTION_M / 10.0;
-/// A place less sure than this is not found (m).
+/// A position with a larger standard deviation is not used (m).
 const UNSURE_M: f64 = 0.15;
 
-/// Finds, refines or checks the strobe's place. `is_known` says whether `data.lamps` is a
-/// measured pose; where it is not, it is the camera's. `begun` is where a search has found it
-/// already.
+/// Finds, refines or checks the strobe's position. `is_known`: whether `data.lamps` is a measured
+/// pose; where it is not, it is the camera's. `begun` is the result of an earlier search.
 pub fn place_strobe(
     data: &Dataset<'_>,
     is_known: bool,
@@ -89,17 +88,16 @@ pub fn place_strobe(
         (chosen, _) => chosen,
     };
     let unknown = || (!is_known).then_some(MountFact::StrobeUnknown);
-    // From one height the pattern takes up any place of the strobe.
+    // At constant altitude the beam pattern compensates for any position.
     let cannot_tell = data.tracks.len() < config.least_pairs || !data.altitude_varies(config);
     if choice == StrobePosition::Fixed || cannot_tell {
         return kept(unknown(), None);
     }
-    // Fewer rounds hold three numbers as well. A coarser pattern does not: its edges pull the place
-    // by centimetres.
+    // Fewer rounds suffice. A coarser beam pattern does not: it shifts the position by centimetres.
     let nodes = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
     let setup = Setup { rounds: 5, ..data.setup(nodes, config) };
     let settled = if choice == StrobePosition::Auto { CHECKED_M } else { SETTLED };
-    // Found is what was found without the given place.
+    // `find` does not use the given position.
     let from = if choice == StrobePosition::Find {
         start.moved_to(data.body_from_optical.origin().vector())
     } else {

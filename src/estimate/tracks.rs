@@ -52,15 +52,15 @@ pub fn tracks(frames: &[FrameSamples], pairs: &[MatchedPair]) -> Vec<Track> {
         .collect()
 }
 
-/// Brings all views to the rung that the farthest of them sets.
+/// All views of a point at the level of the farthest.
 fn track(frames: &[FrameSamples], members: &[(usize, usize)]) -> Option<Track> {
-    let rung = members.iter().map(|(f, k)| frames[*f].samples[*k].first_rung).max()?;
+    let level = members.iter().map(|(f, k)| frames[*f].samples[*k].first_level).max()?;
     let track: Track = members
         .iter()
         .filter_map(|(f, k)| {
             Some(Observation {
                 frame: *f as u32,
-                sample: frames[*f].samples[*k].on_rung(rung, frames[*f].bands)?,
+                sample: frames[*f].samples[*k].at_level(level, frames[*f].bands)?,
             })
         })
         .collect();

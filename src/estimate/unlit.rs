@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use super::samples::FrameSamples;
 use crate::stats;
 
-/// Fewest frames of which kinds are told apart, and of each kind, as a share.
+/// Fewest frames of which kinds are distinguished, and of each kind, as a share.
 const MIN_FRAMES: usize = 8;
 const MIN_SHARE: f64 = 0.2;
 /// Smallest gap between the kinds (log light), and over the largest gap within one.

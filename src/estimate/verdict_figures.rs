@@ -6,9 +6,9 @@ use crate::model::{EmpiricalForm, VerdictFigures, limited};
 use crate::solver::{Observation, Track};
 use crate::stats;
 
-/// One frame in so many is held out, where frames overlap.
+/// One frame in this many is held out, where frames overlap.
 pub const EVERY: u32 = 3;
-/// Where they do not: one segment in three, of so many.
+/// Where they do not: one segment in three, of this many.
 const SEGMENTS: usize = 12;
 const ROTATIONS: usize = 3;
 /// Most frames that judge an empirical model.

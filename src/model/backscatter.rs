@@ -156,12 +156,12 @@ impl Backscatter {
     }
 
     /// B_Λ = b_Λ S_Λ.
-    pub fn light(&self, glow: &ScatterIntegral) -> Bands {
-        std::array::from_fn(|b| self.strength_per_m[b] * glow.of_band(b, &self.shape))
+    pub fn light(&self, scatter: &ScatterIntegral) -> Bands {
+        std::array::from_fn(|b| self.strength_per_m[b] * scatter.of_band(b, &self.shape))
     }
 }
 
-/// The part of the picture and the distances that a table covers.
+/// The part of the image and the distances that a table covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frustum {
     /// least and largest x/z
@@ -409,10 +409,14 @@ mod tests {
             &[0.0; 3],
             frustum,
         );
-        let ought = |s: f64| 1.0 / LEAST_DISTANCE_M + (1.0 / LEAST_DISTANCE_M - 1.0 / s);
+        let expected = |s: f64| 1.0 / LEAST_DISTANCE_M + (1.0 / LEAST_DISTANCE_M - 1.0 / s);
         for s in [0.5, 1.7, 4.3] {
             let is = table.at(0.13, -0.21, s).of_band(0, &[1.0, 0.0]);
-            assert!((is / ought(s) - 1.0).abs() < 0.02, "{is} instead of {} at {s} m", ought(s));
+            assert!(
+                (is / expected(s) - 1.0).abs() < 0.02,
+                "{is} instead of {} at {s} m",
+                expected(s)
+            );
         }
         // A lamp beside the camera lights the near water less, and the far part of the ray as much.
         let beside = ScatterTable::of_strobe(

@@ -142,13 +142,13 @@ pub struct RenderingFile {
     /// to it. Empty in models of earlier versions
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub median_reflectance: Vec<f64>,
-    /// light above this is bent towards white in 8-bit pictures; cut off at white where absent
+    /// light above this is bent towards white in 8-bit images; cut off at white where absent
     #[serde(default)]
     pub shoulder_from: Option<f64>,
     /// natural look: instead of it
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contrast_curve: Option<ContrastCurve>,
-    /// code of full scale of 16-bit pictures
+    /// pixel value of full scale of 16-bit images
     pub white_level: Option<u16>,
 }
 

@@ -8,7 +8,7 @@
 //! p_a = 2, p_s = 0 (`strobe`): the strobe's light falls with 1/ℓ_a² (Eq. 4). The paper drops
 //! spreading (`none`) or prints it on both legs (`paper`); for a surface larger than a pixel the
 //! camera's leg has none, as the pixel's footprint grows while the irradiance falls. Without
-//! spreading α swallows it: the corrected pictures still look right, so α is called *effective*
+//! spreading α swallows it: the corrected images still look right, so α is called *effective*
 //! then and *physical* otherwise.
 //!
 //! In: light paths (m, rad). Out: logarithms of relative light. The gain G and the lens L of Eq. 10

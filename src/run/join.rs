@@ -1,7 +1,7 @@
 //! Shards of one corrected log → the log, byte for byte as an undivided run writes it.
 //!
 //! The messages of the shards pass through the same output in the same order; chunks of the input
-//! are copied, the others are cut anew.
+//! are copied, the others are cut again.
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -76,7 +76,8 @@ impl PreparedModel {
             roughness: self.roughness,
             rendering: exposure,
             config,
-            glow: scatter.zip(scatter.and_then(|_| self.scatter.get_or_init(table).as_ref())),
+            backscatter: scatter
+                .zip(scatter.and_then(|_| self.scatter.get_or_init(table).as_ref())),
             means,
             clipped_above: sensor.clipped_above as f32,
             electrons: sensor.electrons,

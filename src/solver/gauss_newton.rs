@@ -13,7 +13,7 @@ const ATTEMPTS: usize = 5;
 const SHORTER: f64 = 0.4;
 /// A step this short is the last in any case.
 pub const SETTLED: f64 = 5e-4;
-/// A step of less than so many standard deviations is noise.
+/// A step of fewer standard deviations than this is noise.
 const MIN_SIGNIFICANCE: f64 = 0.1;
 
 /// Residual at a point, and the step from there that lowers it most.

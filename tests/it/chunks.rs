@@ -237,7 +237,7 @@ fn contradicting_declarations_are_dropped() {
     let output = corrected(&path, &Options::default());
     assert!(
         raw_chunks(&output).iter().all(|(header, _)| header.uncompressed_crc != 0),
-        "the chunk was written anew"
+        "the chunk was written again"
     );
 }
 

@@ -181,14 +181,14 @@ fn pixels_close_to_the_noise_are_counted() {
         let options = Options { rig: toml::from_str(rig).unwrap(), ..Options::default() };
         mask_of(folder.path(), &options).0.mean_shares["low_signal"]
     };
-    let (unknown, told, starved) = (
+    let (unknown, known, starved) = (
         low(""),
         low("[camera]\nfull_well_e = 15000.0\nread_noise_e = 5.0\n"),
         low("[camera]\nfull_well_e = 600.0\n"),
     );
     assert!(
-        unknown < 0.05 && unknown < told && told + 0.1 < starved && starved < 1.0,
-        "{unknown} {told} {starved}"
+        unknown < 0.05 && unknown < known && known + 0.1 < starved && starved < 1.0,
+        "{unknown} {known} {starved}"
     );
 }
 

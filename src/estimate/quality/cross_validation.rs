@@ -8,7 +8,7 @@ use crate::solver::{PathFor, Problem, Setup, Track};
 use crate::stats;
 use crate::vehicle::Lamps;
 
-/// One frame in so many is held out.
+/// One frame in this many is held out.
 const EVERY: u32 = 3;
 /// Reweightings of the solve.
 const ROUNDS: usize = 5;

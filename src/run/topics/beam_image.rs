@@ -1,4 +1,4 @@
-//! The beam pattern as a picture with axes (the paper's Fig. 9): brighter is more light, grey was
+//! The beam pattern as an image with axes (the paper's Fig. 9): brighter is more light, grey was
 //! never seen.
 
 use crate::geometry::StrobeAngles;

@@ -226,7 +226,7 @@ impl RandomGain {
 }
 
 /// τ² = Σ v² / (n − tr(C) s² / τ²). A ramp along the log is nearly a gauge (reflectance, beam
-/// pattern and gain share it), so it has no say.
+/// pattern and gain share it), so it is left out.
 fn evidence(
     values: &[f64],
     covariance: &DMatrix<f64>,

@@ -78,8 +78,11 @@ fn derivatives(term: &dyn Term, equation: &Equation, band: usize) -> Vec<f64> {
     dense
 }
 
-fn assert_near(is: f64, ought: f64, what: &str) {
-    assert!((is - ought).abs() < 1e-4 * (1.0 + ought.abs()), "{what}: {is}, expected {ought}");
+fn assert_near(is: f64, expected: f64, what: &str) {
+    assert!(
+        (is - expected).abs() < 1e-4 * (1.0 + expected.abs()),
+        "{what}: {is}, expected {expected}"
+    );
 }
 
 #[test]
