@@ -202,8 +202,8 @@ fn completed_beam(
     completed(&beam, &data, &fit.attenuation_per_m, setup.spreading, setup.config)
 }
 
-/// The fit, where the settings require it or the evidence suffices. With backscatter off it is still
-/// reported.
+/// The fit, where the settings require it or the evidence suffices. With backscatter off it is
+/// still reported.
 fn accepted(
     data: &Dataset<'_>,
     setup: &Setup<'_>,

@@ -205,7 +205,7 @@ fn changes(frames: &[FrameSamples], tracks: &[Track]) -> Vec<Change> {
 mod tests {
     use super::*;
 
-    /// A dive between 1.5 and 3 m altitude with these settings, and whether the camera applied them.
+    /// A dive between 1.5 and 3 m altitude with these settings, applied by the camera or not.
     fn dive(setting: impl Fn(usize, f64) -> f64, applied: bool) -> Vec<FollowedSetting> {
         let altitude = |i: usize| 2.25 + 0.75 * (i as f64 * 0.35).sin();
         let by_altitude = |i: usize| -0.46 * altitude(i) - 2.0 * altitude(i).ln();

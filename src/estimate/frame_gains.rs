@@ -36,8 +36,8 @@ const MIN_SPREAD: f64 = 0.02;
 /// Weight that holds a gain to 0, in observations.
 const HOLD_WEIGHT: f64 = 1.0;
 
-/// Log gains of the frames with another amount of light than their neighbours; 0 for all others, and
-/// for all where frames do not overlap.
+/// Log gains of the frames with another amount of light than their neighbours; 0 for all others,
+/// and for all where frames do not overlap.
 pub fn uneven_light(data: &Dataset<'_>, config: &EstimateConfig) -> Vec<f64> {
     let model = || {
         let setup = data.setup(BeamGrid::new(config.beam_nodes, config.beam_limit_deg), config);

@@ -81,8 +81,8 @@ struct Problem {
     grid: ImageGrid,
 }
 
-/// The residual light of points, each with its views in `frames` frames, by up to [`ROUNDS`] rounds;
-/// `None` where they are too few.
+/// The residual light of points, each with its views in `frames` frames, by up to [`ROUNDS`]
+/// rounds; `None` where they are too few.
 pub fn fit(
     points: &[Vec<View>],
     frames: usize,

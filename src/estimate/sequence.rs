@@ -99,7 +99,11 @@ pub fn estimate_model(
     }
     let found = (followed, log_gains);
     let estimate = finish(explained, found.clone(), given)?;
-    let estimate = match plain.filter(|_| !estimate.judgement.is_physical()) {
+    let is_empirical = estimate.judgement.empirical.is_some();
+    // A clock or mount that came to light has no rival in what it left before.
+    let has_rival =
+        is_empirical || (estimate.camera.is_some() && !estimate.judgement.is_physical());
+    let estimate = match plain.filter(|_| has_rival) {
         // An empirical model without the gains of a solve that it replaces may be better: these
         // drift along a log that does not determine attenuation. A physical model without faults of
         // the camera that came to light is none.

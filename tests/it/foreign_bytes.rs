@@ -9,6 +9,7 @@ use crate::support::dice::{Dice, factor, with_bounded_memory};
 use crate::support::foreign_bytes::{TARGETS, with_schema};
 use unwater::config::Config;
 use unwater::image::EncodedImage;
+use unwater::image::exif::{ExifFacts, with_facts};
 use unwater::messages::{Decoder, Kind};
 use unwater::recording::{Entry, Recording, Window};
 use unwater::run::estimate_logs;
@@ -88,6 +89,19 @@ fn fuzz_targets_and_parsers_correspond() {
     assert_eq!(there, TARGETS.iter().map(|(name, _)| *name).collect());
 }
 
+/// EXIF with every field.
+fn facts() -> ExifFacts {
+    ExifFacts {
+        taken_at: "2026:05:01 10:00:00.123+00:00".into(),
+        position_deg: Some([-44.0, 179.5]),
+        depth_m: Some(30.0),
+        heading_deg: Some(90.0),
+        distance_m: Some(2.0),
+        exposure_s: Some(0.001),
+        id: "0123456789abcdef0123456789abcdef".into(),
+    }
+}
+
 /// Rewrites the seeds from the sample logs where UNWATER_BLESS is set; what was found stays.
 #[test]
 fn seeds_are_written_from_the_sample_logs() {
@@ -133,6 +147,9 @@ fn seeds_are_written_from_the_sample_logs() {
                 seeds.insert(("raw_image", name), [head.as_bytes(), data].concat());
             }
             EncodedImage::Compressed { format, data } => {
+                if let Ok(with_exif) = with_facts(data.to_vec(), &facts()) {
+                    seeds.insert(("exif", name.clone()), with_exif);
+                }
                 seeds.insert(("image_file", name), [format.as_bytes(), b"\n", data].concat());
             }
             EncodedImage::Video { .. } => {}

@@ -9,6 +9,7 @@ use libjpeg_turbo_rs::{PixelFormat, Subsampling};
 use unwater::config::Config;
 use unwater::image::EncodedImage;
 use unwater::image::decode::{CameraResponse, decode, describe, grey16, size};
+use unwater::image::exif::{ExifFacts, read, with_facts};
 use unwater::messages::{Decoder, Kind, header};
 use unwater::model::ModelFile;
 use unwater::recording::{Entry, Recording, Window};
@@ -29,6 +30,7 @@ pub const TARGETS: &[(&str, Parser)] = &[
     ("mcap", mcap),
     ("raw_image", raw_image),
     ("image_file", image_file),
+    ("exif", exif),
     ("rig", rig),
     ("model", model),
     ("config", config),
@@ -70,6 +72,11 @@ fn message(message_encoding: &str, schema_encoding: &str, bytes: &[u8]) {
     if let Ok(decoder) = Decoder::by_path(message_encoding, name, schema_encoding, schema) {
         exercise(&decoder, message);
     }
+}
+
+fn exif(bytes: &[u8]) {
+    let facts = read(bytes).unwrap_or_default();
+    let _written = with_facts(bytes.to_vec(), &ExifFacts { depth_m: Some(1.0), ..facts });
 }
 
 /// Everything that is done with a message.
