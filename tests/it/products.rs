@@ -495,7 +495,9 @@ fn exif_agrees(file: &[u8], item: &serde_json::Value) -> Result<(), Failed> {
         other => Err(format!("{tag} is {other:?}")),
     };
     let numbers = |tag| match &field(tag)?.value {
-        exif::Value::Rational(parts) => Ok(parts.iter().map(|r| r.to_f64()).collect::<Vec<_>>()),
+        exif::Value::Rational(parts) => {
+            Ok(parts.iter().map(exif::Rational::to_f64).collect::<Vec<_>>())
+        }
         other => Err(format!("{tag} is {other:?}")),
     };
     let said = |key: &str| item[key].as_f64().ok_or(format!("no {key}"));
