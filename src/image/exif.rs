@@ -107,12 +107,27 @@ fn fields(facts: &ExifFacts) -> Vec<Field> {
     if !facts.id.is_empty() {
         values.push((Tag::ImageUniqueID, text(&facts.id)));
     }
-    // Readers want the version wherever there is a camera's own part.
-    if values.iter().any(|(tag, _)| tag.context() == Context::Exif) {
-        values.push((Tag::ExifVersion, Value::Undefined(b"0231".to_vec(), 0)));
+    if values.iter().any(|(tag, _)| tag.context() == Context::Gps) {
+        values.push((Tag::GPSVersionID, Value::Byte(vec![2, 3, 0, 0])));
     }
+    values.extend(required());
     let field = |(tag, value)| Field { tag, ifd_num: In::PRIMARY, value };
     values.into_iter().map(field).collect()
+}
+
+/// Fields that the standard requires of every JPEG; they say nothing of the still.
+fn required() -> [(Tag, Value); 7] {
+    let undefined = |bytes: &[u8]| Value::Undefined(bytes.to_vec(), 0);
+    let dots_per_inch = || Value::Rational(vec![Rational { num: 72, denom: 1 }]);
+    [
+        (Tag::XResolution, dots_per_inch()),
+        (Tag::YResolution, dots_per_inch()),
+        (Tag::ResolutionUnit, Value::Short(vec![2])),
+        (Tag::YCbCrPositioning, Value::Short(vec![1])),
+        (Tag::ExifVersion, undefined(b"0231")),
+        (Tag::ComponentsConfiguration, undefined(&[1, 2, 3, 0])),
+        (Tag::FlashpixVersion, undefined(b"0100")),
+    ]
 }
 
 /// Degrees, minutes and seconds.
