@@ -22,5 +22,6 @@ if [ "${1:-}" = --try ]; then
   cp "$target"/dist/unwater_*.deb dist/try.sh "$root/tmp/"
   cp -r sample_logs "$root/tmp/"
   chroot "$root" sh -c 'apt-get install --yes --quiet /tmp/unwater_*.deb'
-  chroot "$root" sh -c 'cd /tmp && ./try.sh unwater && test -e /usr/share/man/man1/unwater-correct.1.gz'
+  chroot "$root" sh -c 'cd /tmp && ./try.sh unwater'
+  test -e "$root/usr/share/man/man1/unwater-correct.1.gz"
 fi

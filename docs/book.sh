@@ -7,7 +7,8 @@ cd "$(dirname "$0")/.."
 book="${CARGO_TARGET_DIR:-target}/book"
 rm -rf "$book" && mkdir -p "$book/src"
 git ls-files -z -- '*.md' 'docs/pictures' 'src/**' 'tests/**' 'examples/**' \
-  'benches/**' 'sample_logs/**' 'dist/**' 'workflow/**' 'LICENSE*' | xargs -0 cp --parents -t "$book/src"
+  'benches/**' 'sample_logs/**' 'dist/**' 'workflow/**' 'LICENSE*' |
+  xargs -0 cp --parents -t "$book/src"
 cp docs/book.toml "$book/"
 # docs/SUMMARY.md seen from the root
 sed -e 's#](\.\./#](@#' -e 's#](\([a-z]\)#](docs/\1#' -e 's#](@#](#' docs/SUMMARY.md > "$book/src/SUMMARY.md"

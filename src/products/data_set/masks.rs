@@ -12,6 +12,8 @@ use crate::correct::mask::{CAPPED, CLIPPED, OFF_SURFACE, OUTSIDE};
 use crate::error::{Error, Result};
 use crate::image::{ImageShape, encode};
 
+/// In the folder of the data set.
+pub const FOLDER: &str = "colmap/masks";
 /// Pixels without keypoints: their light is not that of the seafloor, or not measured.
 const LEFT_OUT: u8 = CLIPPED | CAPPED | OFF_SURFACE | OUTSIDE;
 
@@ -30,7 +32,7 @@ pub fn write(
     if records.is_empty() {
         return Ok(());
     }
-    let target = folder.join("colmap").join("masks");
+    let target = folder.join(FOLDER);
     std::fs::create_dir_all(&target)
         .map_err(|source| Error::Write { path: target.clone(), source })?;
     let names: BTreeMap<usize, &str> = stills.iter().map(|s| (s.index, s.name.as_str())).collect();

@@ -19,7 +19,7 @@ mod still;
 mod tables;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::dive::{CameraLog, CorrectedLog, FrameRecord, Images};
 use super::messages::messages_by_id;
@@ -193,15 +193,17 @@ const LISTS: [&str; 9] = [
 ];
 
 fn remove_lists(folder: &Path) -> Result<()> {
-    for path in LISTS.map(|name| folder.join(name)) {
-        match std::fs::remove_file(&path) {
-            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                return Err(Error::Write { path, source });
-            }
-            _ => {}
+    let done = |removed: std::io::Result<()>, path: PathBuf| match removed {
+        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+            Err(Error::Write { path, source })
         }
+        _ => Ok(()),
+    };
+    for path in LISTS.map(|name| folder.join(name)) {
+        done(std::fs::remove_file(&path), path)?;
     }
-    Ok(())
+    let masks = folder.join(masks::FOLDER);
+    done(std::fs::remove_dir_all(&masks), masks)
 }
 
 /// Writes model, report and the lists for other programs.
