@@ -112,6 +112,20 @@ impl Estimate {
         }
     }
 
+    /// Adds errors of α (1/m) to the standard deviations.
+    fn widen(&mut self, errors_per_m: &Bands) {
+        let bands = self.model.bands;
+        for (b, error) in errors_per_m[..bands].iter().enumerate() {
+            self.attenuation_std_per_m[b] = self.attenuation_std_per_m[b].hypot(*error);
+            for node in &mut self.model.over_time.0 {
+                node.attenuation_std_per_m[b] = node.attenuation_std_per_m[b].hypot(*error);
+            }
+        }
+        if let Some(answer) = self.answers.get_mut(&self.estimator) {
+            answer.attenuation_std_per_m = Some(self.attenuation_std_per_m[..bands].to_vec());
+        }
+    }
+
     /// Whether there is a model to correct frames with.
     ///
     /// # Errors

@@ -11,6 +11,7 @@ use super::explanation::{Explanation, Samples, uniform};
 use super::methods::empirical::Regions;
 use super::mount_search::{MountFit, check_mounts};
 use super::other_light::{other_light, without_backscatter};
+use super::quality::doubt;
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{Calibration, calibrate, cost_with};
@@ -177,9 +178,19 @@ impl Given<'_> {
         let strobe = self.placed(&raw, camera.as_ref());
         let is_contradicted = self.mounts.strobe_is_measured && strobe.source.is_some();
         let kept = is_contradicted.then(|| StrobePlacement::kept(self.mounts.lamps));
+        let is_auto = self.config.self_calibration == SelfCalibration::Auto;
+        let moved = strobe.moved().filter(|_| self.mounts.strobe_is_measured && is_auto);
         let mut explained = Explanation::new(raw, strobe, camera);
         let given = kept.map(|strobe| Explanation { strobe, ..explained.clone() });
+        let moved = moved.map(|strobe| Explanation { strobe, ..explained.clone() });
         self.separate_light(&mut explained);
+        if let Some(mut moved) = moved.filter(|_| explained.direct.is_some()) {
+            // What looks like other light may be a strobe that is elsewhere.
+            self.separate_light(&mut moved);
+            if moved.direct.is_none() && self.cost(&moved) < self.cost(&explained) {
+                return moved;
+            }
+        }
         let Some(mut given) = given else { return explained };
         // Backscatter and daylight pull the strobe away, too.
         self.separate_light(&mut given);
@@ -257,18 +268,28 @@ impl Given<'_> {
         // What is added to the light evenly may be added by the camera.
         let is_even = |fit: &BackscatterFit| fit.backscatter.source == ScatterSource::Uniform;
         let is_even = plain.backscatter.as_ref().is_some_and(is_even);
-        if best.camera.is_none() && best.is_quiet && !is_even {
+        let is_moved = plain.strobe.lamps.distance_m(mounts.lamps) > MOVED_M;
+        let has_rival = (is_moved && mounts.strobe_is_measured) || plain.direct.is_some();
+        let is_fine = best.camera.is_none() && best.is_quiet && !is_even;
+        if is_fine && !has_rival {
             return None;
         }
-        let is_moved = plain.strobe.lamps.distance_m(mounts.lamps) > MOVED_M;
-        if (is_moved && mounts.strobe_is_measured) || plain.direct.is_some() {
+        // A clock or mount that is off is mistaken for another strobe or for daylight, too.
+        let given = has_rival
+            .then(|| Explanation::new(samples.clone(), StrobePlacement::kept(mounts.lamps), None));
+        let explained = given.iter().chain((!is_fine).then_some(plain));
+        let geometry = explained.filter_map(|explained| self.clock_and_mount(explained));
+        let geometry = geometry.min_by(|a, b| a.1.total_cmp(&b.1));
+        if given.is_some() && !is_fine {
             let of_given = self.calibration(samples, mounts.lamps);
             best = of_given.into_iter().fold(best, |a, b| if b.cost < a.cost { b } else { a });
         }
         let cheapest = best.cost.min(least);
-        let geometry = self.clock_and_mount(plain);
         if let Some((found, _)) = geometry.filter(|(_, cost)| *cost < cheapest - LEAST_DECREASE) {
-            return Some(Explanation { mounts: Some(found), ..plain.clone() });
+            return Some(found);
+        }
+        if is_fine {
+            return None;
         }
         // A fitted curve stays unknown in the solve; uneven gains are part of any explanation.
         let is_fitted = mounts.camera.transfer == TransferKnown::Fitted;
@@ -298,8 +319,8 @@ impl Given<'_> {
         with_drift(&data, can_tell, config, &|data| calibrate(data, mounts.camera, config))
     }
 
-    /// Clock and mount that contradict the given ones, and the cost with them.
-    fn clock_and_mount(&self, explained: &Explanation) -> Option<(MountFit, f64)> {
+    /// The explanation with clock and mount that contradict the given ones, and its cost.
+    fn clock_and_mount(&self, explained: &Explanation) -> Option<(Explanation, f64)> {
         let Self { mounts, config } = *self;
         let direct = explained.direct.as_ref().unwrap_or(&explained.raw);
         let data = direct.data(mounts, explained.strobe.lamps, None);
@@ -310,7 +331,7 @@ impl Given<'_> {
         let planes = data.plane_tracks();
         let shifted = found.shifted(&planes, mounts);
         let cost = cost_with(&data, &|o, lamps| shifted.path(o, lamps), config)?;
-        Some((found, cost))
+        Some((Explanation { mounts: Some(found), ..explained.clone() }, cost))
     }
 }
 
@@ -375,6 +396,8 @@ fn finish(
     let replaces_mounts = known.is_some() && config.self_calibration == SelfCalibration::Auto;
     let (mount_fit, estimated) = checked(&data, known, can_tell, given);
     let mut estimate = estimated?;
+    let kept = mount_fit.as_ref().filter(|_| !replaces_mounts);
+    estimate.widen(&doubt::by_geometry(&data, &strobe, kept, (mounts, config)));
     let judgement = estimate.judge(&data, regions.as_ref(), config);
     estimate.ensure_corrects(&judgement)?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {

@@ -36,6 +36,13 @@ pub struct StrobeFit {
     pub moved_m: f64,
 }
 
+impl StrobeFit {
+    /// Standard deviation of the position (m).
+    fn distance_std_m(&self) -> f64 {
+        self.std_m.iter().map(|s| s * s).sum::<f64>().sqrt()
+    }
+}
+
 /// The position that is used, and where it is from.
 #[derive(Clone, Debug)]
 pub struct StrobePlacement {
@@ -53,6 +60,20 @@ impl StrobePlacement {
     /// As given, without a search.
     pub fn kept(lamps: Lamps) -> Self {
         Self { lamps, source: None, search: None, warning: None }
+    }
+
+    /// A given position that was kept, moved to where a search found it, though not surely; `None`
+    /// where that is near.
+    pub fn moved(&self) -> Option<Self> {
+        let found = self.search.as_ref().filter(|_| self.source.is_none())?;
+        let std = found.distance_std_m();
+        let is_far = found.moved_m > CONTRADICTION_M && std < UNSURE_M;
+        is_far.then(|| Self {
+            lamps: found.lamps,
+            source: Some(StrobeSource::Refined),
+            search: Some(found.clone()),
+            warning: Some(contradiction(found, std, true)),
+        })
     }
 }
 
@@ -106,7 +127,7 @@ pub fn place_strobe(
     let begin = begun.or((choice != StrobePosition::Find).then_some(start));
     let found = search_strobe(data.tracks, &setup, (from, begin), settled);
     let Some(found) = found else { return kept(unknown(), None) };
-    let std = found.std_m.iter().map(|s| s * s).sum::<f64>().sqrt();
+    let std = found.distance_std_m();
     let is_sure = std.is_finite() && std < UNSURE_M;
     let take = |source| StrobePlacement {
         lamps: found.lamps,
