@@ -24,6 +24,7 @@ use std::marker::PhantomData;
 use std::ops::Mul;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// The vehicle: the space in which extrinsics are given (ROS `base_link`; z up or z down). Where
 /// the camera moves in the vehicle it is fixed to the camera, see [`crate::vehicle::CameraMotion`].
@@ -40,13 +41,16 @@ pub struct Dvl;
 pub struct Strobe;
 
 /// A position in space `S` (m).
-#[derive(Debug, PartialEq)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
 pub struct Point<S>(Vector3<f64>, PhantomData<S>);
 /// A unit vector in space `S`.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
 pub struct Direction<S>(Vector3<f64>, PhantomData<S>);
 /// A rigid transform from coordinates of `From` to coordinates of `To`.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
 pub struct Transform<To, From>(Isometry3<f64>, PhantomData<(To, From)>);
 
 macro_rules! copy {

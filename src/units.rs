@@ -4,8 +4,13 @@
 //! metres. Confusing them is an error of 8 to 15 %, which passes undiminished into the attenuation.
 //! Times are integer nanoseconds, as in the log; only differences are floating point.
 
+use serde::{Deserialize, Serialize};
+
 /// A time on the recording's clock (ns since its epoch, normally Unix).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
+)]
+#[serde(transparent)]
 pub struct Stamp(pub i64);
 
 impl Stamp {

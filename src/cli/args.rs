@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::output::Outcome;
 use crate::config::{
     Compression, Config, EstimateConfig, Estimator, ImageFormat, JpegQuality, LightConfig, Look,
     Method, OutputConfig, OutputEncoding, RenderConfig, SelfCalibration, Spreading, StrobePosition,
@@ -208,6 +209,24 @@ pub struct OutputArgs {
     /// Print errors and results only
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// What losses mean for the exit status.
+#[derive(Debug, Args, Default)]
+pub struct LossArgs {
+    /// Exit with 0 instead of 3 where losses are listed
+    #[arg(long)]
+    pub accept_losses: bool,
+}
+
+impl LossArgs {
+    /// How the command ended.
+    pub fn outcome(&self, outcome: Outcome) -> Outcome {
+        match outcome {
+            Outcome::DoneWithLosses if self.accept_losses => Outcome::Done,
+            other => other,
+        }
+    }
 }
 
 /// Reads the model of `--model`.

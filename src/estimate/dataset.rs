@@ -184,6 +184,7 @@ impl FrameSamples {
         let normal = crate::coordinates::Direction::from_vector(nalgebra::Vector3::z());
         let normal = normal.expect("a direction");
         Self {
+            log: 0,
             frame,
             stamp: crate::units::Stamp(3_000_000_000 * frame as i64),
             normal,

@@ -2,6 +2,9 @@
 //! by them.
 //!
 //! α is linear in time between nodes at least a dozen frames apart, except across gaps in the log.
+//! Of several logs each has one α.
+
+use std::collections::BTreeMap;
 
 use super::Dataset;
 use super::quality::cross_validation;
@@ -28,16 +31,17 @@ const MIN_IMPROVEMENT: f64 = 0.02;
 /// Nodes of α in time.
 #[derive(Clone, Debug)]
 pub struct DriftFit {
-    /// times of the nodes
-    pub stamps: Vec<Stamp>,
+    /// times in order, each with its node
+    pub stamps: Vec<(Stamp, usize)>,
     /// position of each frame between the nodes
     pub grid: TimeGrid,
 }
 
 /// Nodes, where the log supports them.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
-    let found = nodes(data)?;
-    if setup.config.drift == Switch::Auto && !altitude_recurs(data) {
+    let has_several_logs = data.frames.iter().any(|f| f.log > 0);
+    let found = if has_several_logs { one_per_log(data) } else { nodes(data) }?;
+    if setup.config.drift == Switch::Auto && !has_several_logs && !altitude_recurs(data) {
         return None;
     }
     let (lamps, paths) = (data.lamps, &sample_path);
@@ -106,12 +110,58 @@ fn nodes(data: &Dataset<'_>) -> Option<DriftFit> {
         nodes: intervals + 1,
         is_joined: joined.collect(),
     };
-    Some(DriftFit { stamps: stamps.into_iter().map(Stamp).collect(), grid })
+    Some(DriftFit { stamps: stamps.into_iter().map(Stamp).zip(0..).collect(), grid })
+}
+
+/// One node for each log; `None` where logs overlap in time.
+fn one_per_log(data: &Dataset<'_>) -> Option<DriftFit> {
+    let mut spans: BTreeMap<usize, (Stamp, Stamp)> = BTreeMap::new();
+    for frame in data.frames {
+        let (first, last) = spans.entry(frame.log).or_insert((frame.stamp, frame.stamp));
+        (*first, *last) = (frame.stamp.min(*first), frame.stamp.max(*last));
+    }
+    let mut in_time: Vec<(usize, (Stamp, Stamp))> = spans.into_iter().collect();
+    in_time.sort_by_key(|(_, span)| *span);
+    if in_time.windows(2).any(|pair| pair[0].1.1 >= pair[1].1.0) {
+        return None;
+    }
+    let ends = in_time.iter().zip(0..).flat_map(|((_, (first, last)), node)| {
+        [Some((*first, node)), (first < last).then_some((*last, node))].into_iter().flatten()
+    });
+    let node_of: BTreeMap<usize, usize> = in_time.iter().map(|(log, _)| *log).zip(0..).collect();
+    let grid = TimeGrid {
+        frames: data.frames.iter().map(|f| (node_of[&f.log], 0.0)).collect(),
+        nodes: in_time.len(),
+        is_joined: vec![false; in_time.len() - 1],
+    };
+    Some(DriftFit { stamps: ends.collect(), grid })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coordinates::Transform;
+    use crate::estimate::FrameSamples;
+    use crate::vehicle::Lamps;
+
+    #[test]
+    fn each_of_several_logs_has_a_node_in_the_order_of_time() {
+        // The first log was recorded last.
+        let frame = |log: usize, second: i64| FrameSamples {
+            log,
+            stamp: Stamp(second * 1_000_000_000),
+            ..FrameSamples::of_level_seafloor(0, 2.0)
+        };
+        let frames = [frame(0, 100), frame(0, 101), frame(1, 7), frame(1, 8)];
+        let (identity, lamps) = (Transform::identity(), Lamps::one(Transform::identity()));
+        let of = |frames| one_per_log(&Dataset::plain(frames, &[], identity, lamps));
+        let found = of(&frames).expect("nodes");
+        let seconds: Vec<_> = found.stamps.iter().map(|(t, n)| (t.0 / 1_000_000_000, *n)).collect();
+        assert_eq!(seconds, [(7, 0), (8, 0), (100, 1), (101, 1)]);
+        assert_eq!(found.grid.frames, [(1, 0.0), (1, 0.0), (0, 0.0), (0, 0.0)]);
+        assert!(found.grid.is_of_logs() && found.grid.frames_per_node() == [2, 2]);
+        assert!(of(&[frame(0, 1), frame(1, 2), frame(0, 3)]).is_none(), "they overlap in time");
+    }
 
     #[test]
     fn a_bobbing_climb_goes_through_its_range_once() {

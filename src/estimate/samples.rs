@@ -14,6 +14,8 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
 use crate::config::{EstimateConfig, MatchingConfig};
 use crate::coordinates::{Body, Direction, Point};
 use crate::geometry::{SeafloorPoint, Support, View};
@@ -43,8 +45,10 @@ pub struct KeypointSample {
 }
 
 /// All samples of one frame.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FrameSamples {
+    /// index of its log among those of the estimate
+    pub log: usize,
     /// index of the frame in the log
     pub frame: usize,
     /// time of its header, clock offset added
@@ -56,10 +60,13 @@ pub struct FrameSamples {
     /// bands of the image
     pub bands: usize,
     /// keypoints to match
+    #[serde(skip)]
     pub keypoints: Vec<Keypoint>,
     /// their image-plane coordinates
+    #[serde(skip)]
     pub places: Vec<(f64, f64)>,
     /// their samples
+    #[serde(skip)]
     pub samples: Vec<KeypointSample>,
     /// a coarse grid over the frame: index of the cell, and its sample
     pub grid: Vec<(u32, Sample)>,
@@ -84,6 +91,31 @@ pub struct FrameSamples {
 }
 
 impl FrameSamples {
+    /// A frame of a known seafloor.
+    fn without_samples((frame, stamp): (usize, Stamp), view: &View<'_>, bands: usize) -> Self {
+        Self {
+            log: 0,
+            frame,
+            stamp,
+            normal: view.plane.normal,
+            camera_altitude_m: view.camera_altitude_m(),
+            bands,
+            keypoints: Vec::new(),
+            places: Vec::new(),
+            samples: Vec::new(),
+            grid: Vec::new(),
+            dark: Vec::new(),
+            mean_light: [0.0; 3],
+            mean_reading: [0.0; 3],
+            eight_bit: false,
+            is_srgb: false,
+            distance_m: view.plane.distance_m,
+            is_level_assumed: view.plane.support == Support::AssumedLevel,
+            has_attitude: true,
+            planes_around: None,
+        }
+    }
+
     /// Frees the keypoints, most of a frame's memory, once they are matched.
     pub fn drop_keypoints(&mut self) {
         (self.keypoints, self.places, self.samples) = Default::default();
@@ -149,26 +181,8 @@ pub fn sample_frame(
 ) -> FrameSamples {
     let reduction = matching.reduction(image.light.width, image.light.height);
     let ((grid, dark), mean_light) = grid(image, view, reduction, config);
-    let mut taken = FrameSamples {
-        frame,
-        stamp,
-        normal: view.plane.normal,
-        camera_altitude_m: view.camera_altitude_m(),
-        bands: image.bands(),
-        keypoints: Vec::new(),
-        places: Vec::new(),
-        samples: Vec::new(),
-        grid,
-        dark,
-        mean_light,
-        mean_reading: mean_light,
-        eight_bit: false,
-        is_srgb: false,
-        distance_m: view.plane.distance_m,
-        is_level_assumed: view.plane.support == Support::AssumedLevel,
-        has_attitude: true,
-        planes_around: None,
-    };
+    let seafloor = FrameSamples::without_samples((frame, stamp), view, image.bands());
+    let mut taken = FrameSamples { grid, dark, mean_light, mean_reading: mean_light, ..seafloor };
     let Some(coarsest_m) = keypoints_up_to else { return taken };
     let last_level =
         first_level(coarsest_m / view.camera.fx, matching).saturating_add(SPARE_LEVELS);

@@ -23,6 +23,8 @@ pub mod transfer;
 mod vectorised;
 mod yuv;
 
+use serde::{Deserialize, Serialize};
+
 pub use vectorised::vectorised;
 
 /// Values of a row whose bands follow one another, pixel by pixel.
@@ -65,7 +67,8 @@ pub enum EncodedImage<'v> {
 }
 
 /// File format of an image, read or written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Container {
     /// JPEG
     Jpeg {

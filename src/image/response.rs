@@ -1,8 +1,11 @@
 //! Measured camera response (step wedge, exposure series) as a table, linearly interpolated.
 //! Replaces a named transfer curve.
 
+use serde::{Deserialize, Serialize};
+
 /// How the transfer curve is known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum TransferKnown {
     /// given, or linear by the image's encoding
     #[default]
@@ -16,10 +19,25 @@ pub enum TransferKnown {
 }
 
 /// A monotone table from pixel value to linear light, both as shares of full scale.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<[f64; 2]>", into = "Vec<[f64; 2]>")]
 pub struct ResponseTable {
     /// (pixel value, light), both strictly increasing
     points: Vec<[f64; 2]>,
+}
+
+impl TryFrom<Vec<[f64; 2]>> for ResponseTable {
+    type Error = String;
+
+    fn try_from(points: Vec<[f64; 2]>) -> Result<Self, String> {
+        Self::new(points)
+    }
+}
+
+impl From<ResponseTable> for Vec<[f64; 2]> {
+    fn from(table: ResponseTable) -> Self {
+        table.points
+    }
 }
 
 impl ResponseTable {

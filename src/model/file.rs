@@ -172,9 +172,31 @@ pub struct InputFile {
     /// every other one
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unlit_below: Option<f64>,
+    /// its own attenuation (1/m) per band, where several logs are of different waters
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attenuation_per_m: Option<Vec<f64>>,
+    /// standard deviation of that (1/m)
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attenuation_std_per_m: Option<Vec<f64>>,
+}
+
+/// Values of the bands with their standard deviations.
+fn with_std(values: &[f64], std: impl Iterator<Item = Option<f64>>) -> String {
+    let text = |(value, std): (&f64, Option<f64>)| match std {
+        Some(std) => format!("{value:.4} ± {std:.4}"),
+        None => format!("{value:.4} ± ?"),
+    };
+    values.iter().zip(std).map(text).collect::<Vec<_>>().join(" / ")
 }
 
 impl InputFile {
+    /// Its own attenuation as text; `None` where the model has one for all logs.
+    pub fn attenuation_text(&self) -> Option<String> {
+        let (values, std) =
+            (self.attenuation_per_m.as_ref()?, self.attenuation_std_per_m.as_ref()?);
+        Some(with_std(values, std.iter().copied().map(Some)))
+    }
+
     /// What identifies the log.
     pub fn identity(&self) -> LogIdentity {
         let Self { sha256, index_sha256, .. } = self.clone();
@@ -412,14 +434,7 @@ impl ModelFile {
         if !self.has_attenuation() {
             return "not known".into();
         }
-        let std = |s: &Option<f64>| s.map_or_else(|| "?".into(), |s| format!("{s:.4}"));
-        let values: Vec<String> = self
-            .attenuation_per_m
-            .iter()
-            .zip(&self.attenuation_std_per_m)
-            .map(|(a, s)| format!("{a:.4} ± {}", std(s)))
-            .collect();
-        values.join(" / ")
+        with_std(&self.attenuation_per_m, self.attenuation_std_per_m.iter().copied())
     }
 
     /// As text, keys in order, ending in a newline.

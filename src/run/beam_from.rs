@@ -12,14 +12,13 @@
 use std::collections::BTreeMap;
 
 use super::camera_joint::fit_model_and_joint;
+use super::fit::{Fit, collect};
 use super::model_of::{exposure, strobe_of};
-use super::pass_one::{PassOne, share_of_log};
 use super::pooled::Pooled;
 use crate::config::Estimator;
-use crate::correct::MeanFrames;
-use crate::diagnostics::{Diagnostic, EstimateFact, Fact, NoAnswer, NotIdentified, RangeFact};
+use crate::diagnostics::{Diagnostic, EstimateFact, NoAnswer, NotIdentified};
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, Observation, Track, samples_for_model, tracks};
+use crate::estimate::{FrameSamples, Observation, Track, samples_for_model};
 use crate::image::Bands;
 use crate::model::{
     CameraFile, EstimatorAnswer, GeometryFile, ImagingModel, InputFile, ModelFile, Removal,
@@ -29,7 +28,7 @@ use crate::parallel::Threads;
 use crate::recording::FrameId;
 use crate::session::{CameraSession, FrameGains, Options, Progress};
 use crate::stats;
-use crate::vehicle::{Lamps, Rig};
+use crate::vehicle::Lamps;
 
 /// Reweightings.
 const ROUNDS: usize = 10;
@@ -49,27 +48,18 @@ pub fn fit_log(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
+) -> Result<Fit> {
     let Some(shared) = options.beam_from.as_deref() else {
         return fit_model_and_joint(logs, options, threads, progress);
     };
     ensure_usable(shared)?;
     let sessions =
         logs.iter().map(|log| with_strobe(log, shared)).collect::<Result<Vec<CameraSession>>>()?;
-    let all_frames = options.config.estimate.max_frames;
-    let (mut collected, mut means) = (Vec::new(), MeanFrames::default());
-    for (n, session) in sessions.iter().enumerate() {
-        let max_frames = share_of_log(all_frames, n, sessions.len());
-        let pass = PassOne { session, config: &options.config, max_frames, threads, progress };
-        let mut of_log = pass.collect()?;
-        let of_first = std::mem::take(&mut of_log.means);
-        if n == 0 {
-            means = of_first;
-        }
-        collected.push((session, of_log));
-    }
-    let model = threads.install(|| of_samples(&sessions, Pooled::new(collected)?, shared, options));
-    Ok((model?, means))
+    let (config, borrowed) = (&options.config, sessions.iter().collect::<Vec<_>>());
+    let max_frames = config.estimate.max_frames;
+    let (of_logs, means, _) = collect(&borrowed, config, max_frames, (threads, progress))?;
+    let model = threads.install(|| of_samples(&sessions, Pooled::new(of_logs)?, shared, options));
+    Ok(Fit { model: model?, means, samples: Vec::new() })
 }
 
 /// What a model must be so that attenuation alone is left.
@@ -121,14 +111,10 @@ fn of_samples(
     shared: &ModelFile,
     options: &Options,
 ) -> Result<ModelFile> {
-    let Some(first) = sessions.first() else {
-        return Err(Error::Usage("no log was given".into()));
-    };
-    let Pooled { frames, pairs, inputs, origins, .. } = pooled;
-    let rig = Rig { strobe: first.survey.rig.strobe.clone(), ..first.survey.rig.clone() };
-    let lamps = rig.strobe.lamps;
+    let Pooled { first, frames, tracks, inputs, origins, diagnostics, .. } = pooled;
+    let mounts = &first.extrinsics;
+    let lamps = mounts.strobe.lamps;
     let log_gains = log_gains(sessions, shared, &frames, &origins)?;
-    let tracks = tracks(&frames, &pairs);
     let mut model = shared.imaging_model().map_err(Error::Usage)?;
     (model.over_time, model.backscatter, model.daylight) = (Default::default(), None, None);
     let slope = Slope { tracks: &tracks, frames: &frames, log_gains: &log_gains, lamps };
@@ -138,14 +124,11 @@ fn of_samples(
         let remedy = "use the whole model of a dive in the same water: --model MODEL.json";
         return Err(Error::NotEstimated { reason, remedy: remedy.into() });
     };
-    let frames = samples_for_model(frames, &log_gains, rig.body_from_optical, lamps, None);
-    let white_level = first.survey.white_level;
-    let rendering = exposure(&frames, &model, lamps, white_level, &options.config);
-    let has_equal_beams =
-        |d: &Diagnostic| matches!(d.fact, Fact::RangeFact(RangeFact::EqualBeams { .. }));
-    let is_level = first.survey.diagnostics.iter().any(has_equal_beams);
-    let slope = is_level.then_some(NotIdentified::SlopeUnknown);
-    Ok(file_of(shared, (&model, found), rendering, inputs, slope))
+    let frames = samples_for_model(frames, &log_gains, mounts.body_from_optical, lamps, None);
+    let rendering = exposure(&frames, &model, lamps, first.white_level, &options.config);
+    let mut file = file_of(shared, (&model, found), rendering, inputs, first.not_identified);
+    file.diagnostics.extend(diagnostics);
+    Ok(file)
 }
 
 /// The earlier model with another attenuation, without what is of its own dive.

@@ -2,11 +2,11 @@
 //! commanded and never turn. The images decide.
 
 use super::dvl_yaw::fit_model_and_yaw;
+use super::fit::Fit;
 use crate::config::SelfCalibration;
-use crate::correct::MeanFrames;
 use crate::diagnostics::{Diagnostic, Fact, MountFact, NotIdentified};
 use crate::error::Result;
-use crate::model::{GeometryFile, ModelFile, Verdict};
+use crate::model::{GeometryFile, Verdict};
 use crate::parallel::Threads;
 use crate::session::{CameraSession, Options, Progress};
 
@@ -15,8 +15,8 @@ const MAX_RATIO: f64 = 0.8;
 
 /// Of the same point by the physical model, on held-out frames. The residual of a solve says less:
 /// free gains of frames take up what is wrong with the geometry.
-fn agreement(fit: &Result<(ModelFile, MeanFrames)>) -> f64 {
-    let verdict = fit.as_ref().ok().and_then(|(model, _)| model.verdict.as_ref());
+fn agreement(fit: &Result<Fit>) -> f64 {
+    let verdict = fit.as_ref().ok().and_then(|fit| fit.model.verdict.as_ref());
     verdict.and_then(|v| v.of(Verdict::FULL)?.agreement).unwrap_or(f64::INFINITY)
 }
 
@@ -30,7 +30,7 @@ pub fn fit_model_and_joint(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
+) -> Result<Fit> {
     let given = fit_model_and_yaw(logs, options, threads, progress);
     let mode = options.config.estimate.self_calibration;
     let moves = logs.iter().any(|log| log.survey.rig.camera_motion.is_some());
@@ -49,20 +49,20 @@ pub fn fit_model_and_joint(
     // Light of lamps that stay with the vehicle fits better, too, over a camera that is held.
     let stay = |d: &Diagnostic| matches!(d.fact, Fact::MountFact(MountFact::LampsStay { .. }));
     let lamps_stay = logs.iter().any(|log| log.survey.diagnostics.iter().any(stay));
-    let is_clear = !lamps_stay || other.as_ref().is_ok_and(|(model, _)| model.identified);
+    let is_clear = !lamps_stay || other.as_ref().is_ok_and(|fit| fit.model.identified);
     let agreement = [agreement(&other), agreement(&given)];
     if !is_clear || agreement[0] >= MAX_RATIO * agreement[1] {
         return given;
     }
     let is_replaced = mode == SelfCalibration::Auto;
-    let (mut model, means) = if is_replaced { other? } else { given? };
+    let mut fit = if is_replaced { other? } else { given? };
     if is_replaced {
-        model.geometry.get_or_insert_with(GeometryFile::default).is_camera_held = true;
+        fit.model.geometry.get_or_insert_with(GeometryFile::default).is_camera_held = true;
     } else {
-        model.set_not_identified(NotIdentified::MountContradicted);
+        fit.model.set_not_identified(NotIdentified::MountContradicted);
     }
     let diagnostic = Diagnostic::from(MountFact::JointContradicted { agreement });
-    model.warnings.push(diagnostic.with_remedy());
-    model.diagnostics.push(diagnostic);
-    Ok((model, means))
+    fit.model.warnings.push(diagnostic.with_remedy());
+    fit.model.diagnostics.push(diagnostic);
+    Ok(fit)
 }

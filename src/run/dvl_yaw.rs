@@ -4,13 +4,12 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::fit::{fit_model, joint_residual};
+use super::fit::{Fit, fit_model, joint_residual};
 use crate::config::{SeafloorConfig, SelfCalibration};
-use crate::correct::MeanFrames;
 use crate::diagnostics::{Diagnostic, MountFact, NotIdentified};
 use crate::error::Result;
 use crate::geometry::SeafloorEstimator;
-use crate::model::{GeometryFile, ModelFile};
+use crate::model::GeometryFile;
 use crate::parallel::Threads;
 use crate::session::{CameraSession, Options, Progress};
 use crate::stats;
@@ -50,7 +49,7 @@ pub fn fit_model_and_yaw(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
+) -> Result<Fit> {
     let given = fit_model(logs, options, threads, progress);
     let mode = options.config.estimate.self_calibration;
     // A mount of the rig file is kept.
@@ -71,15 +70,15 @@ pub fn fit_model_and_yaw(
         MountFact::AttitudeTurned { yaw_deg, residual_deg }
     };
     if is_better && !is_replaced {
-        fit.0.set_not_identified(NotIdentified::MountContradicted);
+        fit.model.set_not_identified(NotIdentified::MountContradicted);
     } else if is_better {
-        let geometry = fit.0.geometry.get_or_insert_with(GeometryFile::default);
+        let geometry = fit.model.geometry.get_or_insert_with(GeometryFile::default);
         geometry.dvl_rotation_xyzw.get_or_insert(rotation_xyzw);
     }
     let topic = &logs[0].survey.dvl_topic;
     let diagnostic = Diagnostic::on(topic, fact);
-    fit.0.warnings.push(diagnostic.with_remedy());
-    fit.0.diagnostics.push(diagnostic);
+    fit.model.warnings.push(diagnostic.with_remedy());
+    fit.model.diagnostics.push(diagnostic);
     Ok(fit)
 }
 

@@ -3,6 +3,7 @@
 
 use super::beam_from::fit_log;
 use super::camera_model::CameraModel;
+use super::fit::Fit;
 use super::model_of::exposure_of;
 use super::pass_one::{PassOne, share_of_log};
 use super::prepared_model::{removes_backscatter, scatter_table};
@@ -25,14 +26,15 @@ pub fn fit_with_exposure(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
-    let (file, means) = fit_log(logs, options, threads, progress)?;
-    let model = file.imaging_model().map_err(Error::Usage)?;
+) -> Result<Fit> {
+    let fit = fit_log(logs, options, threads, progress)?;
+    let model = fit.model.imaging_model().map_err(Error::Usage)?;
     // The samples of the estimate are without backscatter, whether the method removes it or not.
     if model.backscatter.is_none() || removes_backscatter(&model, options.config.render.method) {
-        return Ok((file, means));
+        return Ok(fit);
     }
-    Ok((exposed(logs, file, options, threads, progress)?.0, means))
+    let (model, _) = exposed(logs, fit.model, options, threads, progress)?;
+    Ok(Fit { model, ..fit })
 }
 
 /// A model with an exposure from the samples of these logs, and the mean frames of the first.
@@ -67,9 +69,9 @@ pub fn exposed(
     };
     let model = &model.prepared.model;
     let empirical = model.empirical.as_deref().map(|empirical| samples.fitted(empirical));
-    let (rig, white_level) = (&session.survey.rig, session.survey.white_level);
+    let (mounts, white_level) = (session.survey.rig.extrinsics(), session.survey.white_level);
     let used = (model, empirical.as_ref());
-    let rendering = exposure_of(&samples.frames, used, rig, (white_level, &options.config));
+    let rendering = exposure_of(&samples.frames, used, &mounts, (white_level, &options.config));
     Ok((ModelFile { rendering, ..file }, means.unwrap_or_default()))
 }
 

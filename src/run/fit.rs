@@ -1,47 +1,32 @@
 //! Pass one over more and more frames, until the model is good enough.
 
-use crate::config::{EstimateConfig, Estimator};
+use serde::{Deserialize, Serialize};
+
+use crate::config::{Config, EstimateConfig, Estimator};
 use crate::correct::MeanFrames;
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
 use crate::error::{Error, Result};
-use crate::model::{CameraFile, GeometryFile, ModelFile, ResponseFile};
+use crate::model::{CameraFile, GeometryFile, ModelFile, MountCheckFile, ResponseFile};
 use crate::parallel::Threads;
 use crate::session::{CameraSession, Options, Progress};
 use crate::stats;
 
+use super::log_samples::LogSamples;
 use super::model_of::model_of;
-use super::pass_one::{Collected, PassOne, share_of_log};
+use super::pass_one::{PassOne, share_of_log};
 
-/// Logs of one model must be different logs of the same camera.
-///
-/// # Errors
-/// That.
-pub fn ensure_same_camera(logs: &[&CameraSession]) -> Result<()> {
-    let name = |log: &CameraSession| log.recording.path().display().to_string();
-    let format = |log: &CameraSession| {
-        let camera = &log.survey.rig.camera;
-        (camera.width, camera.height, log.survey.container)
-    };
-    for (n, log) in logs.iter().enumerate() {
-        for before in &logs[..n] {
-            let (a, b) = (name(before), name(log));
-            if log.recording.identity().is_same(&before.recording.identity()) {
-                return Err(Error::Usage(format!("{a} and {b} are the same log")));
-            }
-            let ((w, h, _), (v, g, _)) = (format(before), format(log));
-            if format(log) != format(before) {
-                return Err(Error::Usage(format!(
-                    "{a} ({w}×{h}) and {b} ({v}×{g}) are of different cameras or image formats; \
-                     a model is of one camera and strobe"
-                )));
-            }
-        }
-    }
-    Ok(())
+/// The result of pass one.
+pub struct Fit {
+    /// the model
+    pub model: ModelFile,
+    /// mean frames of the first log
+    pub means: MeanFrames,
+    /// the samples that the model comes from, per log, where the options ask for them
+    pub samples: Vec<LogSamples>,
 }
 
 /// Estimates a model. Where the log shows another transfer curve, clock or mount, the frames are
-/// sampled again with these. Returns it with the mean frames of the first log.
+/// sampled again with these.
 ///
 /// # Errors
 /// A log cannot be read, or attenuation cannot be estimated.
@@ -50,9 +35,9 @@ pub fn fit_model(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
-    let (mut model, mut means) = fit(logs, options, threads, progress)?;
-    let mut found = Replaced::of(&model, None);
+) -> Result<Fit> {
+    let mut fitted = fit(logs, options, threads, progress)?;
+    let mut found = Replaced::of(&fitted.model, None);
     let mut sessions: Vec<CameraSession> = Vec::new();
     for _ in 0..MAX_RESAMPLED {
         let Some(replaced) = found else { break };
@@ -60,18 +45,18 @@ pub fn fit_model(
             if sessions.is_empty() { logs.to_vec() } else { sessions.iter().collect() };
         let next: Vec<CameraSession> =
             before.iter().map(|log| replaced.applied_to(log)).collect::<Result<_>>()?;
-        let (mut again, means_again) =
-            fit(&next.iter().collect::<Vec<_>>(), options, threads, progress)?;
-        found = Replaced::of(&again, model.camera.as_ref().and_then(|c| c.response.as_ref()));
-        keep(&model, &mut again);
-        (model, means, sessions) = (again, means_again, next);
+        let mut again = fit(&next.iter().collect::<Vec<_>>(), options, threads, progress)?;
+        let camera = fitted.model.camera.as_ref();
+        found = Replaced::of(&again.model, camera.and_then(|c| c.response.as_ref()));
+        Kept::of(&fitted.model).keep_in(&mut again.model);
+        (fitted, sessions) = (again, next);
     }
-    Ok((model, means))
+    Ok(fitted)
 }
 
 /// Residual of the joint solve; infinite where there is none.
-pub fn joint_residual(fit: &Result<(ModelFile, MeanFrames)>) -> f64 {
-    let answers = fit.as_ref().ok().map(|(model, _)| &model.estimators);
+pub fn joint_residual(fit: &Result<Fit>) -> f64 {
+    let answers = fit.as_ref().ok().map(|fit| &fit.model.estimators);
     answers.and_then(|a| a.get(&Estimator::Joint)?.residual).unwrap_or(f64::INFINITY)
 }
 
@@ -118,27 +103,67 @@ fn differ(a: &ResponseFile, b: &ResponseFile) -> bool {
     ratios.iter().any(|ratio| (ratio - middle).abs() > SAME_CURVE)
 }
 
-/// What was replaced for a model is said by it, too.
-fn keep(before: &ModelFile, model: &mut ModelFile) {
-    if let Some(CameraFile { response: Some(response), residual, .. }) = &before.camera {
-        let camera = model
-            .camera
-            .get_or_insert_with(|| CameraFile { residual: *residual, ..CameraFile::default() });
-        camera.response.get_or_insert_with(|| response.clone());
-        let summary = camera.summary();
-        model.diagnostics.retain(|d| !is_of_camera(d));
-        model.diagnostics.push(EstimateFact::CameraFound { summary }.into());
+/// What a model replaced before its frames were sampled again.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Kept {
+    /// transfer curve, and the residuals without and with it
+    response: Option<(ResponseFile, [f64; 2])>,
+    geometry: Option<GeometryFile>,
+    mount_check: Option<MountCheckFile>,
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl Kept {
+    /// What a model says that it replaced.
+    pub fn of(model: &ModelFile) -> Self {
+        let response = |camera: &CameraFile| Some((camera.response.clone()?, camera.residual));
+        Self {
+            response: model.camera.as_ref().and_then(response),
+            geometry: model.geometry.clone(),
+            mount_check: model.mount_check.clone(),
+            diagnostics: model.diagnostics.iter().filter(|d| is_of_replaced(d)).cloned().collect(),
+        }
     }
-    if let Some(before_it) = &before.geometry {
-        let geometry = model.geometry.get_or_insert_with(GeometryFile::default);
-        geometry.clock_offset_s = geometry.clock_offset_s.or(before_it.clock_offset_s);
-        geometry.dvl_rotation_xyzw = geometry.dvl_rotation_xyzw.or(before_it.dvl_rotation_xyzw);
-        model.mount_check = before.mount_check.clone();
+
+    /// What all logs have in common; of one log everything, of several no clock.
+    pub fn common(of_logs: Vec<Self>) -> Option<Self> {
+        let is_alone = of_logs.len() == 1;
+        let of_several = |Self { response, geometry, .. }: Self| {
+            let without_clock = |g: GeometryFile| GeometryFile { clock_offset_s: None, ..g };
+            let geometry = geometry.map(without_clock).filter(|g| *g != GeometryFile::default());
+            Self { response, geometry, ..Self::default() }
+        };
+        let mut of_logs =
+            of_logs.into_iter().map(|kept| if is_alone { kept } else { of_several(kept) });
+        let first = of_logs.next()?;
+        // A mount is that of all logs or of none.
+        let is_same = of_logs.all(|kept| kept.geometry == first.geometry);
+        Some(Self { geometry: first.geometry.clone().filter(|_| is_same), ..first })
     }
-    let of_before = before.diagnostics.iter().filter(|d| is_of_replaced(d)).cloned();
-    let kept: Vec<Diagnostic> = of_before.filter(|d| !model.diagnostics.contains(d)).collect();
-    model.warnings.extend(kept.iter().map(Diagnostic::with_remedy));
-    model.diagnostics.extend(kept);
+
+    /// What was replaced for a model is said by it, too.
+    pub fn keep_in(self, model: &mut ModelFile) {
+        if let Some((response, residual)) = self.response {
+            let camera = model
+                .camera
+                .get_or_insert_with(|| CameraFile { residual, ..CameraFile::default() });
+            camera.response.get_or_insert(response);
+            let summary = camera.summary();
+            model.diagnostics.retain(|d| !is_of_camera(d));
+            model.diagnostics.push(EstimateFact::CameraFound { summary }.into());
+        }
+        if let Some(before) = self.geometry {
+            let geometry = model.geometry.get_or_insert_with(GeometryFile::default);
+            geometry.clock_offset_s = geometry.clock_offset_s.or(before.clock_offset_s);
+            geometry.dvl_rotation_xyzw = geometry.dvl_rotation_xyzw.or(before.dvl_rotation_xyzw);
+            geometry.is_camera_held |= before.is_camera_held;
+            model.mount_check = self.mount_check;
+        }
+        let of_before = self.diagnostics.into_iter();
+        let kept: Vec<Diagnostic> = of_before.filter(|d| !model.diagnostics.contains(d)).collect();
+        model.warnings.extend(kept.iter().map(Diagnostic::with_remedy));
+        model.diagnostics.extend(kept);
+    }
 }
 
 fn is_of_camera(diagnostic: &Diagnostic) -> bool {
@@ -149,12 +174,44 @@ fn is_of_replaced(diagnostic: &Diagnostic) -> bool {
     matches!(
         diagnostic.fact,
         Fact::ClockFact(ClockFact::CameraReplaced { .. })
-            | Fact::MountFact(MountFact::DvlReplaced { .. })
+            | Fact::MountFact(
+                MountFact::DvlReplaced { .. }
+                    | MountFact::DvlTurned { .. }
+                    | MountFact::AttitudeTurned { .. }
+                    | MountFact::JointContradicted { .. }
+            )
     )
 }
 
+/// Samples of logs, the mean frames of the first, and whether all their frames were used.
+///
+/// # Errors
+/// A log cannot be read, or no frame of any can be used.
+pub fn collect(
+    logs: &[&CameraSession],
+    config: &Config,
+    max_frames: usize,
+    (threads, progress): (&Threads, &dyn Progress),
+) -> Result<(Vec<LogSamples>, MeanFrames, bool)> {
+    let (mut samples, mut of_first, mut is_all) = (Vec::new(), None, true);
+    for (n, session) in logs.iter().enumerate() {
+        let max_frames = share_of_log(max_frames, n, logs.len());
+        let pass_one = PassOne { session, config, max_frames, threads, progress };
+        let mut collected = pass_one.collect()?;
+        is_all &= collected.is_all;
+        of_first.get_or_insert_with(|| std::mem::take(&mut collected.means));
+        samples.push(LogSamples::new(session, collected));
+    }
+    if let Some(first) = logs.first().filter(|_| samples.iter().all(|s| s.frames.is_empty())) {
+        first.frames_with_seafloor()?;
+        let topic = &first.survey.camera_topic;
+        return Err(Error::Data(format!("no image of {topic} can be decoded and used")));
+    }
+    Ok((samples, of_first.unwrap_or_default(), is_all))
+}
+
 /// Estimates a model from more and more frames, until attenuation is known as well as
-/// `estimate.precision_per_m` asks for. Returns it with the mean frames of the first log.
+/// `estimate.precision_per_m` asks for.
 ///
 /// # Errors
 /// A log cannot be read, or attenuation cannot be estimated.
@@ -163,24 +220,19 @@ fn fit(
     options: &Options,
     threads: &Threads,
     progress: &dyn Progress,
-) -> Result<(ModelFile, MeanFrames)> {
+) -> Result<Fit> {
     let config = &options.config;
     let EstimateConfig { first_frames, max_frames, precision_per_m, .. } = config.estimate;
     // Mean frames need many, however well the attenuation is known.
     let needs_all = config.render.method.needs_mean_frames() || precision_per_m == 0.0;
     let mut frames = if needs_all { max_frames } else { first_frames.min(max_frames) };
     loop {
-        let pass_one = |(n, session): (usize, &&'_ CameraSession)| -> Result<Collected> {
-            let max_frames = share_of_log(frames, n, logs.len());
-            PassOne { session, config, max_frames, threads, progress }.collect()
-        };
-        let mut collected = logs.iter().enumerate().map(pass_one).collect::<Result<Vec<_>>>()?;
-        let is_all = collected.iter().all(|c| c.is_all);
-        let means = collected.first_mut().map(|c| std::mem::take(&mut c.means)).unwrap_or_default();
-        let samples = logs.iter().copied().zip(collected).collect();
-        let model = threads.install(|| model_of(samples, options));
+        let (of_logs, means, is_all) = collect(logs, config, frames, (threads, progress))?;
+        let samples = if options.keep_samples { of_logs.clone() } else { Vec::new() };
+        let model = threads.install(|| model_of(of_logs, options));
+        let fit = |model| Fit { model, means, samples };
         if is_all || frames >= max_frames {
-            return Ok((model?, means));
+            return model.map(fit);
         }
         // Where the strobe or the water changed among a few frames, it did so among others.
         let is_steady = |m: &ModelFile| m.frame_gains.is_empty() && m.segments.0.is_empty();
@@ -190,7 +242,7 @@ fn fit(
         match model {
             Ok(model) if model.identified && is_steady(&model) => {
                 if is_precise(&model) {
-                    return Ok((model, means));
+                    return Ok(fit(model));
                 }
                 frames = (2 * frames).min(max_frames);
             }

@@ -1,10 +1,11 @@
 //! The whole run on one screen: index the log, survey its cameras, estimate (pass one), correct
 //! (pass two).
 //!
-//! The files depend on each other in this order: `pass_one`, `mount_check`, `pooled`, `model_of`,
-//! `fit`, `dvl_yaw`, `beam_from`, `output_names`, `prepared_model`, `camera_model`, `exposure`,
-//! `corrector`, `jpeg_quality`, `frame_corrector`, `bench`, `clouds`, `camera_output`, `ready`,
-//! `topics`, `pass_two`, `join`, `memory`, `output_size`.
+//! The files depend on each other in this order: `pass_one`, `mount_check`, `log_samples`,
+//! `pooled`, `model_of`, `fit`, `samples_file`, `dvl_yaw`, `camera_joint`, `beam_from`,
+//! `output_names`, `prepared_model`, `camera_model`, `exposure`, `corrector`, `jpeg_quality`,
+//! `frame_corrector`, `bench`, `clouds`, `camera_output`, `ready`, `topics`, `pass_two`, `join`,
+//! `memory`, `output_size`.
 
 mod beam_from;
 pub mod bench;
@@ -20,6 +21,7 @@ mod fit;
 mod frame_corrector;
 mod join;
 mod jpeg_quality;
+mod log_samples;
 pub mod memory;
 mod model_of;
 mod mount_check;
@@ -30,6 +32,7 @@ mod pass_two;
 mod pooled;
 mod prepared_model;
 mod ready;
+mod samples_file;
 mod topics;
 
 use std::collections::BTreeMap;
@@ -47,14 +50,17 @@ use crate::vehicle::CameraFacts;
 
 pub use corrector::CorrectedFrame;
 use exposure::fit_with_exposure;
-use fit::ensure_same_camera;
+use fit::Fit;
 pub use frame_corrector::FrameCorrector;
 pub use join::{join, shard_of};
+use log_samples::{SampledLog, ensure_same_camera};
 use output_names::output_wire;
 pub use output_names::{corrected_topic, ensure_not_corrected, method_name, output_container};
 use pass_two::{Input, pass_two};
 pub use ready::request_sha256;
 use ready::{ReadyCamera, only};
+pub use samples_file::estimate_samples;
+use samples_file::samples_file;
 
 /// Estimates a model from one log or several of the same dive, camera and strobe: paths of files or
 /// of folders, or [`LogFiles`].
@@ -66,6 +72,35 @@ pub fn estimate_logs<L: Clone + Into<LogFiles>>(
     options: &Options,
     progress: &dyn Progress,
 ) -> Result<(ModelFile, Vec<Diagnostic>)> {
+    let (fit, diagnostics) = fit_logs(logs, options, progress)?;
+    Ok((fit.model, diagnostics))
+}
+
+/// The same of one log, with the samples that the model is estimated from: the contents of a file
+/// for [`estimate_samples`].
+///
+/// # Errors
+/// As [`estimate_logs`].
+pub fn estimate_and_sample(
+    log: &LogFiles,
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<(ModelFile, Vec<Diagnostic>, Vec<u8>)> {
+    let options = Options { keep_samples: true, ..options.clone() };
+    let (Fit { model, mut samples, .. }, diagnostics) =
+        fit_logs(std::slice::from_ref(log), &options, progress)?;
+    let Some(samples) = samples.pop() else {
+        return Err(Error::Usage("a model with the beam pattern of another has no samples".into()));
+    };
+    let file = samples_file(samples, &model)?;
+    Ok((model, diagnostics, file))
+}
+
+fn fit_logs<L: Clone + Into<LogFiles>>(
+    logs: &[L],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<(Fit, Vec<Diagnostic>)> {
     let threads = Threads::new(options.threads);
     let open = |files: &L| {
         let files = files.clone().into();
@@ -73,9 +108,10 @@ pub fn estimate_logs<L: Clone + Into<LogFiles>>(
     };
     let sessions = logs.iter().map(open).collect::<Result<Vec<_>>>()?;
     let logs: Vec<&CameraSession> = sessions.iter().collect();
-    ensure_same_camera(&logs)?;
+    let known: Vec<SampledLog> = logs.iter().map(|log| SampledLog::of(log)).collect();
+    ensure_same_camera(&known.iter().collect::<Vec<_>>())?;
     let diagnostics = logs.iter().flat_map(|log| log.survey.diagnostics.clone()).collect();
-    Ok((fit_with_exposure(&logs, options, &threads, progress)?.0, diagnostics))
+    Ok((fit_with_exposure(&logs, options, &threads, progress)?, diagnostics))
 }
 
 /// Estimates a model from surveyed logs of one camera.
@@ -90,7 +126,7 @@ pub fn estimate(
     if options.window.is_none() {
         logs.iter().try_for_each(|log| log.recording.sha256().map(drop))?;
     }
-    Ok(fit_with_exposure(logs, options, &Threads::new(options.threads), progress)?.0)
+    Ok(fit_with_exposure(logs, options, &Threads::new(options.threads), progress)?.model)
 }
 
 /// Corrects one camera of a log with a given model, or estimates one first. The log is the path of

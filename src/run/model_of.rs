@@ -2,18 +2,18 @@
 
 use std::sync::Arc;
 
+use super::log_samples::{LogSamples, SampledLog};
 use super::mount_check::{mount_check, mount_diagnostics, replaced, replaced_diagnostics};
-use super::pass_one::Collected;
 use super::pooled::{Pooled, frame_gains, tilts_file};
 use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::{estimate_rendering, rendering_of};
-use crate::diagnostics::{Diagnostic, EstimateFact, Fact, MountFact, NotIdentified, RangeFact};
-use crate::error::{Error, Result};
+use crate::diagnostics::{Diagnostic, EstimateFact};
+use crate::error::Result;
 use crate::estimate::{
     BackscatterFit, CameraFit, CameraKnown, CameraTermsFound, Dataset, EmpiricalFit, Estimate,
     FollowedSetting, FrameSamples, ModelEstimate, Mounts, ReadingCurve, Sample, StrobePlacement,
-    estimate_model, tracks,
+    estimate_model,
 };
 use crate::geometry::LightPath;
 use crate::image::Bands;
@@ -25,10 +25,9 @@ use crate::model::{
     ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RangeFactor, RegionLight,
     RenderingFile, ResponseFile, SpreadingModel, StrobeFile, VignettingFile,
 };
-use crate::session::survey::Survey;
-use crate::session::{CameraSession, Options};
+use crate::session::Options;
 use crate::stats;
-use crate::vehicle::{Lamp, Lamps, MountFacts, Rig, SettingSeries, StrobeMount, StrobeSource};
+use crate::vehicle::{Extrinsics, Lamp, Lamps, MountFacts, Rig, StrobeMount, StrobeSource};
 
 /// Points of a transfer curve, and the first of them beside 0: darker values are not sampled.
 const RESPONSE_POINTS: usize = 256;
@@ -37,50 +36,53 @@ const RESPONSE_FIRST: usize = 2;
 const MIN_RISE: f64 = 1e-9;
 
 /// Samples of all logs → one model.
-pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Result<ModelFile> {
-    let Some((first, _)) = logs.first() else {
-        return Err(Error::Usage("no log was given".into()));
-    };
-    let (first, config) = (*first, &options.config);
-    let Pooled { mut frames, pairs, inputs, diagnostics: of_logs, settings, origins, offsets_s } =
-        Pooled::new(logs)?;
-    let tracks = tracks(&frames, &pairs);
-    frames.iter_mut().for_each(FrameSamples::drop_keypoints);
-    drop(pairs);
-    let rig = &first.survey.rig;
+pub fn model_of(logs: Vec<LogSamples>, options: &Options) -> Result<ModelFile> {
+    let config = &options.config;
+    let Pooled {
+        first,
+        frames,
+        tracks,
+        mut inputs,
+        diagnostics: of_logs,
+        settings,
+        origins,
+        offsets_s,
+    } = Pooled::new(logs)?;
+    let extrinsics = &first.extrinsics;
     let mounts = Mounts {
-        body_from_optical: rig.body_from_optical,
-        lamps: rig.strobe.lamps,
-        strobe_is_measured: rig.strobe.source.is_some(),
-        instrument: rig.body_from_dvl.origin().vector(),
-        camera: camera_known(first, &frames),
+        body_from_optical: extrinsics.body_from_optical,
+        lamps: extrinsics.strobe.lamps,
+        strobe_is_measured: extrinsics.strobe.source.is_some(),
+        instrument: extrinsics.body_from_dvl.origin().vector(),
+        camera: camera_known(&first, &frames),
     };
     let found = estimate_model(frames, tracks, &mounts, &settings, &config.estimate)?;
-    let white_level = first.survey.white_level;
     let frames = &found.frames;
     let empirical = found.judgement.empirical.as_ref();
-    let rendering = exposure_of_estimate(&found, rig, (white_level, config));
-    let mut diagnostics = diagnostics(&found, first, options);
+    let rendering = exposure_of_estimate(&found, extrinsics, (first.white_level, config));
+    let mut diagnostics = diagnostics(&found, &first, options);
     diagnostics.extend(of_logs);
     // The cause comes before what it does to the estimate.
-    let not_identified = unknown(first).or_else(|| found.estimate.not_identified.clone());
+    let not_identified =
+        first.not_identified.clone().or_else(|| found.estimate.not_identified.clone());
     let setting = |f: &FollowedSetting| {
-        let SettingSeries { topic, name, .. } = first.survey.settings[f.index].clone();
+        let (topic, name) = first.settings[f.index].clone();
         LightSettingFile { topic, name, law: f.law, reference: f.reference }
     };
     let bands = found.estimate.model.bands;
+    attenuation_of_logs(&mut inputs, &found);
     let file = ModelFile {
-        strobe: Some(strobe_file(&found.strobe, rig)),
+        strobe: Some(strobe_file(&found.strobe, extrinsics)),
         mount_check: found.mounts.as_ref().map(mount_check),
         geometry: found
             .mounts
             .as_ref()
             .filter(|_| found.replaces_mounts)
-            .map(|m| replaced(m, rig, first.survey.camera_offset_s)),
+            .map(|m| replaced(m, extrinsics, first.camera_offset_s)),
         tilts: found.tilts.as_ref().map(|t| tilts_file(t, (&origins, &offsets_s), frames)),
         backscatter: found.backscatter.as_ref().map(|b| backscatter_file(b, bands)),
         daylight: found.daylight.as_ref().map(|d| d.file(bands)),
-        camera: found.camera.as_ref().map(|c| camera_file(c, first.survey.response.as_ref())),
+        camera: found.camera.as_ref().map(|c| camera_file(c, first.response.as_ref())),
         frame_gains: frame_gains(&origins, frames, &log_factors(&found)),
         residual_light: found.judgement.residual.as_ref().map(|fit| fit.light.clone()),
         empirical: empirical.map(|fit| fit.model.clone()),
@@ -91,14 +93,18 @@ pub fn model_of(logs: Vec<(&CameraSession, Collected)>, options: &Options) -> Re
     Ok(file.with_diagnostics(diagnostics, not_identified))
 }
 
-/// What of the survey leaves attenuation undetermined, whatever the estimate says.
-fn unknown(CameraSession { survey, .. }: &CameraSession) -> Option<NotIdentified> {
-    let moves = survey.rig.camera_motion.is_some();
-    survey.diagnostics.iter().find_map(|d| match d.fact {
-        Fact::RangeFact(RangeFact::EqualBeams { .. }) => Some(NotIdentified::SlopeUnknown),
-        Fact::MountFact(MountFact::LampsStay { .. }) if moves => Some(NotIdentified::LampsStay),
-        _ => None,
-    })
+/// Attenuation of each of several logs, where it differs.
+fn attenuation_of_logs(inputs: &mut [InputFile], found: &ModelEstimate) {
+    let ImagingModel { over_time, bands, .. } = &found.estimate.model;
+    if inputs.len() < 2 {
+        return;
+    }
+    for (number, input) in inputs.iter_mut().enumerate() {
+        let first = found.frames.iter().find(|frame| frame.log == number).map(|f| f.stamp);
+        let of_bands = |values: Bands| values[..*bands].to_vec();
+        input.attenuation_per_m = first.and_then(|t| over_time.at(t)).map(of_bands);
+        input.attenuation_std_per_m = first.and_then(|t| over_time.std_at(t)).map(of_bands);
+    }
 }
 
 /// Log of gain and of range factor per frame.
@@ -111,10 +117,10 @@ fn log_factors(found: &ModelEstimate) -> Vec<(Bands, RangeFactor)> {
 }
 
 /// What pass one assumed, and what the log contradicts.
-fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) -> Vec<Diagnostic> {
+fn diagnostics(found: &ModelEstimate, first: &SampledLog, options: &Options) -> Vec<Diagnostic> {
     let mut diagnostics: Vec<Diagnostic> = Vec::new();
     diagnostics.extend(found.strobe.warning.clone().map(Diagnostic::from));
-    let assumed = first.survey.response.as_ref();
+    let assumed = first.response.as_ref();
     let summary = |camera: &CameraFit| camera_file(camera, assumed).summary();
     let camera = found.camera.iter().filter(|c| c.found != CameraTermsFound::default());
     diagnostics.extend(camera.map(|c| EstimateFact::CameraFound { summary: summary(c) }.into()));
@@ -148,24 +154,24 @@ fn diagnostics(found: &ModelEstimate, first: &CameraSession, options: &Options) 
         diagnostics.push(EstimateFact::DaylightFound { share }.into());
     }
     if let Some(mounts) = &found.mounts {
-        let Survey { rig, camera_topic, camera_offset_s: offset_s, .. } = &first.survey;
+        let SampledLog { extrinsics, camera_offset_s: offset_s, .. } = first;
+        let camera_topic = &first.input.camera_topic;
         diagnostics.extend(if found.replaces_mounts {
             replaced_diagnostics(mounts, camera_topic, *offset_s)
         } else {
-            mount_diagnostics(mounts, rig, camera_topic, *offset_s)
+            mount_diagnostics(mounts, extrinsics, camera_topic, *offset_s)
         });
     }
     diagnostics
 }
 
 /// What is known of the camera before its images are looked at.
-fn camera_known(session: &CameraSession, frames: &[FrameSamples]) -> CameraKnown {
-    let survey = &session.survey;
-    let transfer = match survey.transfer {
+fn camera_known(log: &SampledLog, frames: &[FrameSamples]) -> CameraKnown {
+    let transfer = match log.transfer {
         TransferKnown::Assumed if frames.iter().any(|f| !f.is_srgb) => TransferKnown::Surely,
         known => known,
     };
-    let [flat_field, black_level] = survey.flat_field_given;
+    let [flat_field, black_level] = log.flat_field_given;
     CameraKnown { transfer, flat_field, black_level }
 }
 
@@ -254,15 +260,15 @@ pub fn exposure(
 
 fn exposure_of_estimate(
     found: &ModelEstimate,
-    rig: &Rig,
+    extrinsics: &Extrinsics,
     (white_level, config): (Option<u16>, &Config),
 ) -> RenderingFile {
     let ModelEstimate { frames, strobe, judgement, estimate, .. } = found;
     let residual = judgement.residual.as_ref().map(|fit| Arc::new(fit.light.clone()));
     let model = ImagingModel { residual, ..estimate.model.clone() };
-    let strobe = StrobeMount { lamps: strobe.lamps, ..rig.strobe.clone() };
-    let rig = Rig { strobe, ..rig.clone() };
-    exposure_of(frames, (&model, judgement.empirical.as_ref()), &rig, (white_level, config))
+    let strobe = StrobeMount { lamps: strobe.lamps, ..extrinsics.strobe.clone() };
+    let extrinsics = Extrinsics { strobe, ..extrinsics.clone() };
+    exposure_of(frames, (&model, judgement.empirical.as_ref()), &extrinsics, (white_level, config))
 }
 
 /// Exposure and white balance of what corrects the frames, by their samples as the method meets
@@ -270,15 +276,15 @@ fn exposure_of_estimate(
 pub fn exposure_of(
     frames: &[FrameSamples],
     (model, empirical): (&ImagingModel, Option<&EmpiricalFit>),
-    rig: &Rig,
+    mounts: &Extrinsics,
     (white_level, config): (Option<u16>, &Config),
 ) -> RenderingFile {
     let is_full = config.render.method == Method::Full;
-    let lamps = rig.strobe.lamps;
+    let lamps = mounts.strobe.lamps;
     match (empirical.filter(|_| is_full), model.residual.as_deref().filter(|_| is_full)) {
-        (Some(fit), _) => empirical_exposure(frames, fit, rig, (white_level, config)),
+        (Some(fit), _) => empirical_exposure(frames, fit, mounts, (white_level, config)),
         (None, Some(light)) => {
-            let frames = without_residual(frames, light, rig);
+            let frames = without_residual(frames, light, mounts);
             exposure(&frames, model, lamps, white_level, config)
         }
         (None, None) => exposure(frames, model, lamps, white_level, config),
@@ -286,8 +292,12 @@ pub fn exposure_of(
 }
 
 /// Samples without the light that a model leaves.
-fn without_residual(frames: &[FrameSamples], light: &RegionLight, rig: &Rig) -> Vec<FrameSamples> {
-    let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
+fn without_residual(
+    frames: &[FrameSamples],
+    light: &RegionLight,
+    mounts: &Extrinsics,
+) -> Vec<FrameSamples> {
+    let camera = Dataset::plain(frames, &[], mounts.body_from_optical, mounts.strobe.lamps);
     let mut without = frames.to_vec();
     for (_, sample) in without.iter_mut().flat_map(|f| &mut f.grid) {
         let (x, y, range_m) = camera.ray(sample);
@@ -301,10 +311,10 @@ fn without_residual(frames: &[FrameSamples], light: &RegionLight, rig: &Rig) -> 
 fn empirical_exposure(
     frames: &[FrameSamples],
     fit: &EmpiricalFit,
-    rig: &Rig,
+    mounts: &Extrinsics,
     (white_level, config): (Option<u16>, &Config),
 ) -> RenderingFile {
-    let camera = Dataset::plain(frames, &[], rig.body_from_optical, rig.strobe.lamps);
+    let camera = Dataset::plain(frames, &[], mounts.body_from_optical, mounts.strobe.lamps);
     let of_frame = |(f, frame): (usize, &FrameSamples)| {
         let (gain, factor) = (fit.log_gains[f], fit.ranges[f]);
         let of_sample = |(_, sample): &(u32, Sample)| {
@@ -341,9 +351,9 @@ pub fn strobe_of(file: &ModelFile, rig: &Rig) -> StrobeMount {
     }
 }
 
-fn strobe_file(placed: &StrobePlacement, rig: &Rig) -> StrobeFile {
+fn strobe_file(placed: &StrobePlacement, mounts: &Extrinsics) -> StrobeFile {
     let facts = MountFacts::of(
-        (rig.body_from_optical.inverse() * placed.lamps.body_from_strobe()).isometry(),
+        (mounts.body_from_optical.inverse() * placed.lamps.body_from_strobe()).isometry(),
     );
     let lamp = |l: &Lamp| LampFile {
         offset_m: l.offset.into(),
@@ -362,7 +372,7 @@ fn strobe_file(placed: &StrobePlacement, rig: &Rig) -> StrobeFile {
         source: placed
             .source
             .clone()
-            .or_else(|| rig.strobe.source.clone())
+            .or_else(|| mounts.strobe.source.clone())
             .unwrap_or(StrobeSource::Camera),
         position_std_m: placed
             .search

@@ -5,21 +5,21 @@ use nalgebra::UnitQuaternion;
 use crate::diagnostics::{ClockFact, Diagnostic, MountFact};
 use crate::estimate::MountFit;
 use crate::model::{GeometryFile, MountCheckFile};
-use crate::vehicle::Rig;
+use crate::vehicle::Extrinsics;
 
 /// Clock and mount that are used instead of those given. `offset_s` is added to the stamps of the
 /// camera already (s).
-pub fn replaced(found: &MountFit, rig: &Rig, offset_s: f64) -> GeometryFile {
+pub fn replaced(found: &MountFit, mounts: &Extrinsics, offset_s: f64) -> GeometryFile {
     let is_mounts = found.contradicts_mount() && !found.turn_is_attitudes;
     GeometryFile {
         clock_offset_s: found.contradicts_clock().then_some(offset_s + found.clock_offset_s),
-        dvl_rotation_xyzw: is_mounts.then(|| rotated_mount(found, rig).coords.into()),
+        dvl_rotation_xyzw: is_mounts.then(|| rotated_mount(found, mounts).coords.into()),
         ..GeometryFile::default()
     }
 }
 
-fn rotated_mount(found: &MountFit, rig: &Rig) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_scaled_axis(found.turn_rad) * rig.body_from_dvl.isometry().rotation
+fn rotated_mount(found: &MountFit, mounts: &Extrinsics) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(found.turn_rad) * mounts.body_from_dvl.isometry().rotation
 }
 
 /// That they are used. `offset_s` is added to the stamps of the camera already (s).
@@ -50,7 +50,7 @@ pub fn replaced_diagnostics(
 /// What the log contradicts. `offset_s` is added to the stamps of the camera already (s).
 pub fn mount_diagnostics(
     found: &MountFit,
-    rig: &Rig,
+    mounts: &Extrinsics,
     camera_topic: &str,
     offset_s: f64,
 ) -> Vec<Diagnostic> {
@@ -73,7 +73,7 @@ pub fn mount_diagnostics(
                 .into(),
         );
     } else if found.contradicts_mount() {
-        let (mount, rotation) = (rig.body_from_dvl.isometry(), rotated_mount(found, rig));
+        let (mount, rotation) = (mounts.body_from_dvl.isometry(), rotated_mount(found, mounts));
         let contradicted = MountFact::DvlContradicted {
             rotation_deg,
             std_deg,

@@ -1,23 +1,22 @@
-//! Samples of several logs in one: what pass one collected, and where each frame came from.
+//! Samples of several logs in one, and where each frame came from.
 
-use super::pass_one::Collected;
-use crate::diagnostics::{Diagnostic, EstimateFact};
+use super::log_samples::{LogSamples, SampledLog};
+use crate::diagnostics::Diagnostic;
 use crate::error::{Error, Result};
-use crate::estimate::{FrameSamples, MatchedPair, TiltFit, Unlit};
+use crate::estimate::{FrameSamples, Observation, TiltFit, Track};
 use crate::image::Bands;
 use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile};
-use crate::recording::LogIdentity;
-use crate::session::{CameraSession, FrameId};
+use crate::session::FrameId;
 use crate::stats;
-use crate::vehicle::SettingSeries;
 
 /// Samples of all logs.
-#[derive(Default)]
 pub struct Pooled {
+    /// what is known of the first log
+    pub first: SampledLog,
     /// in the order of the logs
     pub frames: Vec<FrameSamples>,
-    /// matched keypoints
-    pub pairs: Vec<MatchedPair>,
+    /// seafloor points seen more than once
+    pub tracks: Vec<Track>,
     /// the logs
     pub inputs: Vec<InputFile>,
     /// what is to be said of the logs
@@ -34,60 +33,41 @@ impl Pooled {
     /// Joins the samples of all logs.
     ///
     /// # Errors
-    /// A log cannot be read, or there is no frame with a seafloor.
-    pub fn new(logs: Vec<(&CameraSession, Collected)>) -> Result<Self> {
-        let Some((first, _)) = logs.first() else {
+    /// There is none.
+    pub fn new(logs: Vec<LogSamples>) -> Result<Self> {
+        let Some(first) = logs.first().map(|first| first.log.clone()) else {
             return Err(Error::Usage("no log was given".into()));
         };
-        let first = *first;
-        let mut pooled = Self::default();
-        pooled.settings.resize(first.survey.settings.len(), Vec::new());
-        for (session, collected) in logs {
-            pooled.add(first, session, collected)?;
-        }
-        if pooled.frames.is_empty() {
-            first.frames_with_seafloor()?;
-            let topic = &first.survey.camera_topic;
-            return Err(Error::Data(format!("no image of {topic} can be decoded and used")));
-        }
+        let mut pooled = Self {
+            settings: vec![Vec::new(); first.settings.len()],
+            first,
+            frames: Vec::new(),
+            tracks: Vec::new(),
+            inputs: Vec::new(),
+            diagnostics: Vec::new(),
+            offsets_s: Vec::new(),
+            origins: Vec::new(),
+        };
+        logs.into_iter().for_each(|log| pooled.add(log));
         Ok(pooled)
     }
 
-    fn add(
-        &mut self,
-        first: &CameraSession,
-        session: &CameraSession,
-        mut collected: Collected,
-    ) -> Result<()> {
-        let (log, offset) = (self.inputs.len(), self.frames.len());
-        let survey = &session.survey;
-        self.offsets_s.push(survey.camera_offset_s);
-        let LogIdentity { sha256, index_sha256 } = session.recording.identity();
-        self.inputs.push(InputFile {
-            name: session.file_name(),
-            sha256,
-            index_sha256,
-            camera_topic: survey.camera_topic.clone(),
-            dvl_topic: survey.dvl_topic.clone(),
-            frames: collected.frames.len(),
-            unlit_below: collected.unlit.map(|unlit| unlit.below),
-        });
-        self.diagnostics.extend(collected.unlit.map(|Unlit { frames, ratio, .. }| {
-            let of = frames + collected.frames.len();
-            Diagnostic::on(&survey.camera_topic, EstimateFact::UnlitFrames { frames, of, ratio })
-        }));
-        for (values, series) in self.settings.iter_mut().zip(&first.survey.settings) {
-            let is_same = |s: &&SettingSeries| (&s.topic, &s.name) == (&series.topic, &series.name);
-            let same = survey.settings.iter().find(is_same);
-            let value = |f: &FrameSamples| same.and_then(|s| s.at(f.stamp)).unwrap_or(f64::NAN);
-            values.extend(collected.frames.iter().map(value));
+    fn add(&mut self, LogSamples { log, mut frames, ids, settings, tracks }: LogSamples) {
+        let (number, offset) = (self.inputs.len(), self.frames.len() as u32);
+        self.offsets_s.push(log.camera_offset_s);
+        self.diagnostics.extend(log.diagnostics);
+        for (values, of) in self.settings.iter_mut().zip(&self.first.settings) {
+            match log.settings.iter().position(|name| name == of) {
+                Some(same) => values.extend(&settings[same]),
+                None => values.extend(frames.iter().map(|_| f64::NAN)),
+            }
         }
-        let id = |f: &FrameSamples| survey.frames.get(f.frame).map(|frame| frame.id);
-        self.origins.extend(collected.frames.iter().map(|f| (log, id(f))));
-        self.frames.append(&mut collected.frames);
-        let pairs = collected.pairs.into_iter();
-        self.pairs.extend(pairs.map(|p| MatchedPair { a: p.a + offset, b: p.b + offset, ..p }));
-        Ok(())
+        self.origins.extend(ids.into_iter().map(|id| (number, id)));
+        frames.iter_mut().for_each(|frame| frame.log = number);
+        self.frames.append(&mut frames);
+        let moved = |o: Observation| Observation { frame: o.frame + offset, ..o };
+        self.tracks.extend(tracks.into_iter().map(|t| t.into_iter().map(moved).collect::<Track>()));
+        self.inputs.push(log.input);
     }
 }
 

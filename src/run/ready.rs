@@ -78,7 +78,10 @@ impl ReadyCamera {
         let source = options.source.as_ref();
         let request = request_sha256(options, model.as_ref())?;
         let (mut file, means) = match model {
-            None => fit_with_exposure(&[&session], options, threads, progress)?,
+            None => {
+                let fit = fit_with_exposure(&[&session], options, threads, progress)?;
+                (fit.model, fit.means)
+            }
             Some(file) if file.rendering.method == method && !method.needs_mean_frames() => {
                 (file, MeanFrames::default())
             }

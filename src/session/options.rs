@@ -42,6 +42,8 @@ pub struct Options {
     /// a model whose beam pattern, strobe position, transfer curve and vignetting are used; only
     /// attenuation is estimated
     pub beam_from: Option<Arc<ModelFile>>,
+    /// keep the samples that a model is estimated from
+    pub keep_samples: bool,
     /// the raw log, where the log that is read was corrected before
     pub source: Option<LogIdentity>,
 }

@@ -75,7 +75,7 @@ impl Problem<'_> {
         let mut list = self.terms.list();
         also_free.iter().for_each(|term| list.add(*term));
         let first = self.terms.first_attenuation();
-        let covariance = covariance(&self.system(&list), self.setup.independence, first)?;
+        let covariance = covariance(&self.system(&list), &self.segments(), first)?;
         let estimated = Estimated { values: solution.values.as_slice(), covariance, first };
         let attenuation = &self.terms.attenuation;
         let weights = attenuation.mean_weights();

@@ -1,12 +1,14 @@
 //! What the solver is given: seafloor points, each seen by several frames.
 
+use serde::{Deserialize, Serialize};
+
 use crate::coordinates::{Body, Direction, Point};
 use crate::geometry::{LightPath, light_path};
 use crate::vehicle::Lamps;
 
 /// Linear light of one seafloor point in one frame. It does not depend on where the strobe is: the
 /// light path is derived on demand.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Sample {
     /// the point, in body space at the frame's time (m)
     pub hit: Point<Body>,
@@ -26,7 +28,7 @@ impl Sample {
 }
 
 /// One view of a track.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Observation {
     /// index of the frame among the frames of pass one
     pub frame: u32,

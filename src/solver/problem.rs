@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use super::camera::ReadingCurve;
-use super::covariance::covariance;
+use super::covariance::{Segments, covariance};
 use super::equation::Equation;
 use super::normal::LinearSystem;
 use super::reweight::reweight;
@@ -144,6 +144,11 @@ impl<'s> Problem<'s> {
             solution = Some(Solution { values, residual });
         }
         solution
+    }
+
+    /// Segments for the jackknife.
+    pub fn segments(&self) -> Segments {
+        Segments::new(self.setup.independence, self.setup.segments)
     }
 
     /// First unknowns of the camera's terms: those that all bands share, and the others.
@@ -297,7 +302,7 @@ impl<'s> Problem<'s> {
         let system = self.system(&list);
         let (normal, right) = system.normal_equations(list.prior());
         let values = normal.cholesky()?.solve(&right);
-        let covariance = covariance(&system, self.setup.independence, first)?;
+        let covariance = covariance(&system, &self.segments(), first)?;
         Some(ParameterStep {
             step: (0..parameters.len()).map(|k| values[first + k]).collect(),
             std: (0..parameters.len()).map(|k| covariance[(k, k)].sqrt()).collect(),

@@ -3,6 +3,8 @@
 //! Each lamp has its own pose. All share one beam pattern, each about its own axes, and their light
 //! adds up. They are rigidly connected.
 
+use serde::{Deserialize, Serialize};
+
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::coordinates::{Body, Point, Strobe, Transform};
@@ -11,7 +13,7 @@ use crate::coordinates::{Body, Point, Strobe, Transform};
 pub const MAX_LAMPS: usize = 4;
 
 /// One of several lamps.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lamp {
     /// position relative to the first lamp, in its axes (m)
     pub offset: Vector3<f64>,
@@ -22,11 +24,38 @@ pub struct Lamp {
 }
 
 /// Poses and relative power of all lamps.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "LampList", into = "LampList")]
 pub struct Lamps {
     body_from_strobe: Transform<Body, Strobe>,
     lamps: [Lamp; MAX_LAMPS],
     count: usize,
+}
+
+/// The same as in a file.
+#[derive(Serialize, Deserialize)]
+struct LampList {
+    body_from_strobe: Transform<Body, Strobe>,
+    lamps: Vec<Lamp>,
+}
+
+impl From<Lamps> for LampList {
+    fn from(lamps: Lamps) -> Self {
+        Self { body_from_strobe: lamps.body_from_strobe, lamps: lamps.lamps().to_vec() }
+    }
+}
+
+impl TryFrom<LampList> for Lamps {
+    type Error = String;
+
+    fn try_from(LampList { body_from_strobe, lamps }: LampList) -> Result<Self, String> {
+        if !(1..=MAX_LAMPS).contains(&lamps.len()) {
+            return Err(format!("{} lamps; 1 to {MAX_LAMPS} are expected", lamps.len()));
+        }
+        let mut all = Self { count: lamps.len(), ..Self::one(body_from_strobe) };
+        all.lamps.iter_mut().zip(lamps).for_each(|(of_all, lamp)| *of_all = lamp);
+        Ok(all)
+    }
 }
 
 impl Lamps {

@@ -24,6 +24,6 @@ pub use lens::{BlackLevel, Vignetting, VignettingName};
 pub use light_setting::SettingSeries;
 pub use ping::{Beam, JanusArray, Ping, RangeKind};
 pub use rig::{
-    CameraFacts, DvlFacts, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile, StrobeMount,
-    StrobeSource,
+    CameraFacts, DvlFacts, Extrinsics, LampFacts, Medium, MountFacts, ResponseFacts, Rig, RigFile,
+    StrobeMount, StrobeSource,
 };

@@ -41,14 +41,34 @@ impl Rig {
         }
     }
 
+    /// The extrinsics.
+    pub fn extrinsics(&self) -> Extrinsics {
+        Extrinsics {
+            body_from_optical: self.body_from_optical,
+            body_from_dvl: self.body_from_dvl,
+            strobe: self.strobe.clone(),
+        }
+    }
+
     /// Pose of the body in the vehicle, where the camera moves in it; else they are one.
     pub fn vehicle_from_body(&self, stamp: Stamp) -> Option<Isometry3<f64>> {
         self.camera_motion.as_ref().map(|motion| motion.vehicle_from_body(stamp))
     }
 }
 
+/// Where the instruments sit on the vehicle.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Extrinsics {
+    /// the camera
+    pub body_from_optical: Transform<Body, Optical>,
+    /// the DVL or altimeter
+    pub body_from_dvl: Transform<Body, Dvl>,
+    /// the lamps
+    pub strobe: StrobeMount,
+}
+
 /// Extrinsics of the strobe and their source.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StrobeMount {
     /// pose of the strobe, or of several lamps
     pub lamps: Lamps,

@@ -11,12 +11,13 @@ mod support;
 mod program;
 
 mod browser;
+mod cruise;
 mod dives;
 mod playback;
 
 fn main() {
     let arguments = libtest_mimic::Arguments::from_args();
-    let trials =
-        [browser::trials(), dives::trials(), playback::trials()].into_iter().flatten().collect();
+    let trials = [browser::trials(), cruise::trials(), dives::trials(), playback::trials()];
+    let trials = trials.into_iter().flatten().collect();
     libtest_mimic::run(&arguments, trials).exit();
 }

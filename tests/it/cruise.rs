@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use crate::support::edited::{Record, records, sample, write};
+use crate::support::edited::{Record, delay, records, sample, write};
 use crate::support::judge::assert_within;
 use crate::support::render::Dive;
 use unwater::recording::{Entry, LogFiles, Message, Recording, Window};
@@ -337,6 +337,78 @@ fn one_strobe_measures_other_waters() {
     assert_eq!(ran.status.code(), Some(0), "{}", String::from_utf8_lossy(&ran.stdout));
     let both = ["correct", text(&log), "--beam-from", text(&shared), "--model", text(&shared)];
     assert_eq!(unwater(&both).status.code(), Some(2));
+}
+
+#[test]
+fn samples_of_dives_are_estimated_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |name: &str| folder.path().join(name);
+    let waters = [[0.45, 0.14, 0.10], [0.62, 0.21, 0.14], [0.36, 0.08, 0.07]];
+    let dive = |seed, attenuation_per_m| Dive {
+        seed,
+        frames: 24,
+        attenuation_per_m,
+        width: 240,
+        height: 180,
+        focal_px: 280.0,
+        ..Dive::default()
+    };
+    let sampled = |number: usize, water: [f64; 3]| {
+        let names = ["mcap", "json", "samples"].map(|kind| of(&format!("{number}.{kind}")));
+        dive(number as u64, water).write(&names[0]);
+        delay(&names[0], 3600 * number as i32);
+        let [log, model, samples] = names.each_ref().map(|name| text(name));
+        let ran = unwater(&["estimate", log, "-o", model, "--save-samples", samples, "-q"]);
+        assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+        // Alone, they give the same model.
+        let again = of("again.json");
+        let ran = unwater(&["estimate", "--from", samples, "-o", text(&again), "-q", "--force"]);
+        assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+        assert!(std::fs::read(&again).unwrap() == std::fs::read(model).unwrap());
+        names
+    };
+    let dives: Vec<[PathBuf; 3]> = waters.iter().zip(1..).map(|(w, n)| sampled(n, *w)).collect();
+    // The images are not needed any more.
+    dives.iter().for_each(|[log, ..]| std::fs::remove_file(log).unwrap());
+    let samples: Vec<&str> = dives.iter().map(|d| text(&d[2])).collect();
+    let joint = of("joint.json");
+    let options = ["-o", text(&joint), "-q"];
+    let ran = unwater(&[&["estimate", "--from"], &samples[..], &options].concat());
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    let (_, _, model) = attenuation(&joint);
+    assert_eq!(model["identified"], true, "{}", model["not_identified_because"]);
+    for (n, truth) in waters.iter().enumerate() {
+        let alone = attenuation(&dives[n][1]);
+        let input = &model["inputs"][n];
+        for band in 0..3 {
+            let value = |key: &str| input[key][band].as_f64().expect("a number");
+            let (alpha, std) = (value("attenuation_per_m"), value("attenuation_std_per_m"));
+            let (error, error_alone) = (alpha - truth[band], alone.0[band] - truth[band]);
+            println!("dive {n} band {band}: {error:.4} ± {std:.4}, alone {error_alone:.4}");
+            assert_within(&format!("dive {n}, band {band} [σ]"), error / std, 3.0);
+        }
+    }
+
+    // What does not belong together is refused, and damage is said.
+    let same = unwater(&["estimate", "--from", samples[0], samples[0]]);
+    assert!(stderr(&same).contains("are the same log"), "{}", stderr(&same));
+    let mut bytes = std::fs::read(samples[0]).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    let damaged = of("damaged.samples");
+    std::fs::write(&damaged, &bytes).unwrap();
+    let ran = unwater(&["estimate", "--from", text(&damaged)]);
+    assert!(ran.status.code() == Some(1) && stderr(&ran).contains("damaged"), "{}", stderr(&ran));
+    let ran = unwater(&["estimate", "--from", text(&joint)]);
+    assert!(
+        ran.status.code() == Some(1) && stderr(&ran).contains("first line"),
+        "{}",
+        stderr(&ran)
+    );
+    assert_eq!(
+        unwater(&["estimate", "--from", samples[0], "--rig", "r.toml"]).status.code(),
+        Some(2)
+    );
 }
 
 #[test]

@@ -13,8 +13,5 @@ pub fn run(args: &Args) -> Result<Outcome> {
         [log] => run.one(log)?,
         logs => correct_many::run(&run, logs, args.output.as_deref())?,
     };
-    Ok(match outcome {
-        Outcome::DoneWithLosses if args.accept_losses => Outcome::Done,
-        outcome => outcome,
-    })
+    Ok(args.losses.outcome(outcome))
 }

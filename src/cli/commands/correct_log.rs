@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::super::args::{
-    EstimateOptions, LogArgs, OutputArgs, OutputOptions, RenderOptions, read_model,
+    EstimateOptions, LogArgs, LossArgs, OutputArgs, OutputOptions, RenderOptions, read_model,
 };
 use super::super::color::Paint;
 use super::super::output::{Outcome, damage_time, is_stdout, print, print_diagnostics, print_json};
@@ -40,9 +40,8 @@ pub struct Args {
     /// Skip logs whose output exists and was made from the same input with the same options
     #[arg(long)]
     resume: bool,
-    /// Exit with 0 instead of 3 where losses are listed
-    #[arg(long)]
-    pub accept_losses: bool,
+    #[command(flatten)]
+    pub losses: LossArgs,
     /// Print the report as JSON
     #[arg(long)]
     pub json: bool,

@@ -1,4 +1,4 @@
-//! `estimate`: pass one over one log or several, a model out.
+//! `estimate`: pass one over one log or several, or over samples of logs, a model out.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,11 +6,14 @@ use std::sync::Arc;
 use super::super::args::{EstimateOptions, LogArgs, OutputArgs, read_model};
 use super::super::color::Paint;
 use super::super::output::{
-    Outcome, is_stdout, print, print_diagnostics, print_written, write_text,
+    Outcome, is_stdout, path_beside, print, print_diagnostics, print_written, write_text,
 };
 use super::super::progress::Bar;
 use super::super::summary;
+use crate::diagnostics::Diagnostic;
 use crate::error::{Error, Result};
+use crate::model::ModelFile;
+use crate::products::write_whole;
 use crate::recording::{LogFiles, check_output_path};
 use crate::run;
 use crate::session::Options;
@@ -18,7 +21,7 @@ use crate::session::Options;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The dive logs, files or folders: one, or several of the same dive, camera and strobe
-    #[arg(value_name = "IN.mcap", required = true)]
+    #[arg(value_name = "IN.mcap", required_unless_present = "from")]
     inputs: Vec<PathBuf>,
     /// Where the model is written [default: IN.model.json beside the first IN; - for stdout]
     #[arg(short, long, value_name = "MODEL.json")]
@@ -27,6 +30,17 @@ pub struct Args {
     /// those of this model, of another dive with the same strobe
     #[arg(long, value_name = "MODEL.json")]
     beam_from: Option<PathBuf>,
+    /// Write the samples that the model is estimated from, for --from
+    #[arg(long, value_name = "FILE", conflicts_with = "beam_from")]
+    save_samples: Option<PathBuf>,
+    /// Estimate from samples of one dive or several instead of logs
+    #[arg(
+        long,
+        value_name = "FILE",
+        num_args = 1..,
+        conflicts_with_all = ["inputs", "beam_from", "save_samples", "rig", "camera", "dvl"]
+    )]
+    from: Vec<PathBuf>,
     #[command(flatten)]
     log: LogArgs,
     #[command(flatten)]
@@ -42,14 +56,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let beam_from = read_model(args.beam_from.as_deref())?.map(Arc::new);
     let options = Options { beam_from, ..args.log.options(&[&args.estimate])? };
     let logs = LogFiles::group(&args.inputs)?;
-    let default = || logs.first().map(|log| log.beside("model.json")).unwrap_or_default();
-    let output = args.output.clone().unwrap_or_else(default);
-    if !is_stdout(&output) {
-        for file in logs.iter().map(LogFiles::files).collect::<Result<Vec<_>>>()?.concat() {
-            check_output_path(&file, &output, args.out.force)?;
+    let samples = args.from.first().map(|samples| path_beside(samples, "model.json"));
+    let default = || logs.first().map(|log| log.beside("model.json")).or(samples);
+    let output = args.output.clone().or_else(default).unwrap_or_default();
+    let files = logs.iter().map(LogFiles::files).collect::<Result<Vec<_>>>()?.concat();
+    for output in args.save_samples.iter().chain([&output]).filter(|o| !is_stdout(o)) {
+        for file in files.iter().chain(&args.from) {
+            check_output_path(file, output, args.out.force)?;
         }
     }
-    let (model, diagnostics) = run::estimate_logs(&logs, &options, &Bar::new(args.out.quiet))?;
+    let (model, diagnostics) = estimated(args, &logs, &options)?;
     if !args.out.quiet {
         print_diagnostics(&diagnostics, args.verbose);
         print_diagnostics(&model.diagnostics, args.verbose);
@@ -60,7 +76,39 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if !args.out.quiet && !is_stdout(&output) {
         let attenuation = summary::attenuation(&model, Paint::of_stdout());
         print(&format!("attenuation  {attenuation}\n"));
+        for input in &model.inputs {
+            if let Some(own) = input.attenuation_text() {
+                print(&format!("             {own} per metre in {}\n", input.name));
+            }
+        }
         print_written(&output);
     }
     Ok(Outcome::Done)
+}
+
+/// The model, and what is to be said of the logs.
+fn estimated(
+    args: &Args,
+    logs: &[LogFiles],
+    options: &Options,
+) -> Result<(ModelFile, Vec<Diagnostic>)> {
+    let bar = Bar::new(args.out.quiet);
+    let Some(path) = &args.save_samples else {
+        return match args.from.is_empty() {
+            true => run::estimate_logs(logs, options, &bar),
+            false => Ok((run::estimate_samples(&args.from, options)?, Vec::new())),
+        };
+    };
+    let [log] = logs else {
+        return Err(Error::Usage(
+            "--save-samples: a file has the samples of one log; run `estimate` once for each"
+                .into(),
+        ));
+    };
+    let (model, diagnostics, samples) = run::estimate_and_sample(log, options, &bar)?;
+    write_whole(path, &samples)?;
+    if !args.out.quiet {
+        print_written(path);
+    }
+    Ok((model, diagnostics))
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::super::args::OutputArgs;
+use super::super::args::{LossArgs, OutputArgs};
 use super::super::output::{Outcome, print, print_written};
 use crate::error::Result;
 use crate::import::{Import, import, offset_s};
@@ -32,6 +32,8 @@ pub struct Args {
         allow_hyphen_values = true
     )]
     utc_offset: i64,
+    #[command(flatten)]
+    losses: LossArgs,
     #[command(flatten)]
     out: OutputArgs,
 }
@@ -69,7 +71,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     let is_whole = imported.missing.is_empty();
-    Ok(if is_whole { Outcome::Done } else { Outcome::DoneWithLosses })
+    let outcome = if is_whole { Outcome::Done } else { Outcome::DoneWithLosses };
+    Ok(args.losses.outcome(outcome))
 }
 
 /// Missing files that are listed.

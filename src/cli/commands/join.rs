@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::super::args::OutputArgs;
+use super::super::args::{LossArgs, OutputArgs};
 use super::super::output::{Outcome, print, print_written};
 use crate::error::Result;
 use crate::report::Report;
@@ -16,6 +16,8 @@ pub struct Args {
     /// Where the corrected log is written
     #[arg(short, long, value_name = "OUT.mcap")]
     output: PathBuf,
+    #[command(flatten)]
+    losses: LossArgs,
     #[command(flatten)]
     out: OutputArgs,
 }
@@ -31,5 +33,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
         print_written(&args.output);
     }
     let has_losses = reports.iter().any(Report::has_losses);
-    Ok(if has_losses { Outcome::DoneWithLosses } else { Outcome::Done })
+    let outcome = if has_losses { Outcome::DoneWithLosses } else { Outcome::Done };
+    Ok(args.losses.outcome(outcome))
 }

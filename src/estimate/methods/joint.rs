@@ -5,9 +5,10 @@ use nalgebra::Vector3;
 use super::{Candidate, enough_tracks};
 use crate::config::{EstimateConfig, Spreading};
 use crate::diagnostics::NoAnswer;
-use crate::estimate::quality::error_budget::{FEW_ROUNDS, common_errors, freedom_inflation};
+use crate::estimate::quality::error_budget::{
+    FEW_ROUNDS, common_errors, errors_of_logs, freedom_inflation,
+};
 use crate::estimate::{Dataset, angular_bins, daylight};
-use crate::image::Bands;
 use crate::model::{
     AttenuationOverTime, BeamGrid, Daylight, ImagingModel, ScatterIntegral, SpreadingModel,
     TimeNode,
@@ -85,6 +86,11 @@ fn inflate(
         answer.std_per_m[b] = answer.std_per_m[b].hypot(common);
         answer.over_time.iter_mut().for_each(|(_, std)| std[b] = std[b].hypot(common));
     }
+    for ((_, std), error) in
+        answer.over_time.iter_mut().zip(errors_of_logs(data, answer.systematic))
+    {
+        std[..setup.bands].iter_mut().for_each(|std| *std = std.hypot(error));
+    }
     for (std, common) in answer.difference_std_per_m.iter_mut().zip(between) {
         *std = std.hypot(common);
     }
@@ -107,12 +113,15 @@ fn model_of(data: &Dataset<'_>, answer: &JointAnswer, config: &EstimateConfig) -
         Some(Daylight { log_strength }.shifted(-level))
     });
     let over_time = data.drift.map(|d| {
-        let node = |(stamp, (alpha, std)): (&Stamp, &(Bands, Bands))| TimeNode {
-            stamp_ns: stamp.0,
-            attenuation_per_m: alpha[..bands].to_vec(),
-            attenuation_std_per_m: std[..bands].to_vec(),
+        let node = |(stamp, node): &(Stamp, usize)| {
+            let (alpha, std) = answer.over_time[*node];
+            TimeNode {
+                stamp_ns: stamp.0,
+                attenuation_per_m: alpha[..bands].to_vec(),
+                attenuation_std_per_m: std[..bands].to_vec(),
+            }
         };
-        AttenuationOverTime(d.stamps.iter().zip(&answer.over_time).map(node).collect())
+        AttenuationOverTime(d.stamps.iter().map(node).collect())
     });
     ImagingModel {
         over_time: over_time.unwrap_or_default(),

@@ -72,6 +72,20 @@ fn geometry_error_per_m(data: &Dataset<'_>, systematic: f64) -> f64 {
     log_error.max(systematic) / (path_std_m(data) * (data.moments() as f64).sqrt()).max(1e-9)
 }
 
+/// What each of several logs adds to the error of the geometry of all (1/m), by node: it has fewer
+/// moments.
+pub fn errors_of_logs(data: &Dataset<'_>, systematic: f64) -> Vec<f64> {
+    let Some(drift) = data.drift.filter(|drift| drift.grid.is_of_logs()) else { return Vec::new() };
+    let of_all = geometry_error_per_m(data, systematic);
+    let mut errors = vec![0.0; drift.grid.nodes];
+    let logs = data.frames.chunk_by(|a, b| a.log == b.log);
+    for (frames, first) in logs.zip(drift.grid.frames.chunk_by(|a, b| a.0 == b.0)) {
+        let alone = geometry_error_per_m(&Dataset { frames, ..*data }, systematic);
+        errors[first[0].0] = (alone * alone - of_all * of_all).max(0.0).sqrt();
+    }
+    errors
+}
+
 /// Spread of path lengths over the log (m): down and up again.
 fn path_std_m(data: &Dataset<'_>) -> f64 {
     let altitudes = || data.frames.iter().map(|f| f.camera_altitude_m);

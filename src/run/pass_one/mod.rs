@@ -20,8 +20,8 @@ use crate::parallel::Threads;
 use crate::recording::{FrameId, Message};
 use crate::session::{CameraSession, Frame, FrameRef, Progress, Step};
 
-pub use pace::share_of_log;
-use pace::{Pace, altitude_m, chosen_frames};
+use pace::{Pace, altitude_m};
+pub use pace::{chosen_frames, share_of_log};
 
 /// What pass one keeps of one log.
 #[derive(Default)]

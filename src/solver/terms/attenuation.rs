@@ -20,6 +20,18 @@ pub struct TimeGrid {
     pub is_joined: Vec<bool>,
 }
 
+impl TimeGrid {
+    /// Whether the nodes are logs: each frame has the α of one of them.
+    pub fn is_of_logs(&self) -> bool {
+        self.nodes > 1 && self.frames.iter().all(|(_, share)| *share == 0.0)
+    }
+
+    /// Number of frames of each log, in the order of the frames.
+    pub fn frames_per_node(&self) -> Vec<usize> {
+        self.frames.chunk_by(|a, b| a.0 == b.0).map(<[_]>::len).collect()
+    }
+}
+
 /// α (1/m): all nodes of red, then of green, then of blue.
 pub struct Attenuation<'s> {
     bands: usize,

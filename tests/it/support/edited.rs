@@ -87,6 +87,20 @@ pub fn write(target: &Path, records: &[Record]) {
     writer.finish().unwrap();
 }
 
+/// The same dive, so many seconds later.
+pub fn delay(path: &Path, seconds: i32) {
+    let mut log = records(path);
+    for record in &mut log {
+        record.log_time += u64::from(seconds.unsigned_abs()) * 1_000_000_000;
+        // An array of transforms begins with its length, the others with a stamp.
+        if record.topic != "/tf_static" {
+            let stamp = i32::from_le_bytes(record.data[4..8].try_into().unwrap());
+            record.data[4..8].copy_from_slice(&(stamp + seconds).to_le_bytes());
+        }
+    }
+    write(path, &log);
+}
+
 /// The sample with every message edited.
 pub fn edited(target: &Path, edit: impl Fn(&mut Record)) {
     let mut records = records(&sample());

@@ -159,20 +159,7 @@ fn verdict(
         let mut errors: Vec<f64> = ratios.iter().map(|r| (r / gain - 1.0).abs()).collect();
         reflectance_error.push(median(&mut errors));
     }
-    let pattern = &model.beam_pattern;
-    let mut steps = Vec::new();
-    for (row, theta) in pattern.log_gain.iter().zip(&pattern.theta_deg) {
-        for (value, phi) in row.iter().zip(&pattern.phi_deg) {
-            let expected = truth.log_beam(theta.to_radians(), phi.to_radians());
-            // Where less than a fiftieth of the peak's light goes there is nothing to see it by.
-            if let Some(value) = value.filter(|_| expected > (0.02f64).ln()) {
-                steps.push(value - expected);
-            }
-        }
-    }
-    let level = median(&mut steps.clone());
-    let beam_log_rmse =
-        (steps.iter().map(|s| (s - level).powi(2)).sum::<f64>() / steps.len() as f64).sqrt();
+    let beam_log_rmse = beam_log_rmse(&model, &model, truth);
     let attenuation_error_per_m = (0..bands)
         .map(|b| model.attenuation_per_m[b] - truth.attenuation_per_m[true_band(b)])
         .collect();
@@ -188,4 +175,25 @@ fn verdict(
         model,
         report,
     }
+}
+
+/// Root mean square error of a model's beam pattern, up to a factor (log), where another model on
+/// the same grid has one, too.
+pub fn beam_log_rmse(model: &ModelFile, other: &ModelFile, truth: &Truth) -> f64 {
+    let (pattern, other) = (&model.beam_pattern, &other.beam_pattern);
+    assert_eq!((&pattern.theta_deg, &pattern.phi_deg), (&other.theta_deg, &other.phi_deg));
+    let mut steps = Vec::new();
+    let rows = pattern.log_gain.iter().zip(&other.log_gain);
+    for ((row, of_other), theta) in rows.zip(&pattern.theta_deg) {
+        for ((value, other), phi) in row.iter().zip(of_other).zip(&pattern.phi_deg) {
+            let expected = truth.log_beam(theta.to_radians(), phi.to_radians());
+            // Where less than a fiftieth of the peak's light goes there is nothing to see it by.
+            let is_lit = expected > (0.02f64).ln();
+            if let (Some(value), Some(_)) = (value, other.filter(|_| is_lit)) {
+                steps.push(value - expected);
+            }
+        }
+    }
+    let level = median(&mut steps.clone());
+    (steps.iter().map(|s| (s - level).powi(2)).sum::<f64>() / steps.len() as f64).sqrt()
 }
