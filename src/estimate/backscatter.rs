@@ -120,7 +120,11 @@ fn exceeds(answer: &JointAnswer, deviations: f64) -> bool {
 /// Estimates b; `None` without evidence of backscatter. It is that of the strobe's light, unless
 /// uniform backscatter predicts held-out frames better.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
-    let of = |source| move || find_of(data, setup, source);
+    let plain = Setup { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setup };
+    let mut problem = Problem::new(data.tracks, &plain, data.lamps, &sample_path)?;
+    let solution = problem.solve(plain.rounds)?;
+    let first = &problem.fit(&solution);
+    let of = |source| move || find_of(data, &plain, first, source);
     let (strobe, uniform) = join(of(ScatterSource::Strobe), of(ScatterSource::Uniform));
     match (strobe, uniform) {
         (Some(strobe), Some(uniform)) => {
@@ -131,15 +135,18 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<BackscatterFit> {
     }
 }
 
-fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Option<BackscatterFit> {
-    let plain = Setup { rounds: ROUNDS_PER_STEP, free_strobe: false, ..*setup };
-    let mut problem = Problem::new(data.tracks, &plain, data.lamps, &sample_path)?;
-    let solution = problem.solve(plain.rounds)?;
-    let mut fit = problem.fit(&solution);
+/// Backscatter of one kind; `first` is the solve without it.
+fn find_of(
+    data: &Dataset<'_>,
+    plain: &Setup<'_>,
+    first: &Fit,
+    source: ScatterSource,
+) -> Option<BackscatterFit> {
+    let mut fit = first.clone();
     let held_out_by = |setup: &Setup<'_>| {
         cross_validation::residuals(data.tracks, setup, data.lamps, &sample_path)
     };
-    let without = LazyCell::new(|| held_out_by(&plain));
+    let without = LazyCell::new(|| held_out_by(plain));
     let rays = data.frames.iter().flat_map(|f| f.grid.iter().map(|(_, s)| data.ray(s)));
     let frustum = Frustum::around(rays);
     for step in 0..STEPS {
@@ -157,14 +164,14 @@ fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Opti
             let (x, y, s) = data.ray(&o.sample);
             table.at(x, y, s)
         };
-        let with_scatter = Setup { scatter: Some((&before, &scatter)), ..plain };
+        let with_scatter = Setup { scatter: Some((&before, &scatter)), ..*plain };
         let mut problem = Problem::new(data.tracks, &with_scatter, data.lamps, &sample_path)?;
         let solution = problem.solve(with_scatter.rounds)?;
         fit = problem.fit(&solution);
         let now = fit.backscatter;
-        fit.beam = completed_beam(data, setup, &fit, &table);
-        let predicted = || held_out_by(&Setup { scatter: Some((&now, &scatter)), ..plain });
-        if step + 1 == FIRST_STEPS && setup.config.backscatter != Switch::On {
+        fit.beam = completed_beam(data, plain, &fit, &table);
+        let predicted = || held_out_by(&Setup { scatter: Some((&now, &scatter)), ..*plain });
+        if step + 1 == FIRST_STEPS && plain.config.backscatter != Switch::On {
             // Held-out frames come last: they cost a solve.
             let is_likely = exceeds(&problem.answer(&solution, &[])?, MIN_DEVIATIONS / 2.0)
                 && cross_validation::improvement(without.as_ref()?, &predicted()?)
@@ -173,14 +180,14 @@ fn find_of(data: &Dataset<'_>, setup: &Setup<'_>, source: ScatterSource) -> Opti
                 return None;
             }
         }
-        let is_settled = (0..setup.bands).all(|b| {
+        let is_settled = (0..plain.bands).all(|b| {
             let (now, before) = (now.strength_per_m[b], before.strength_per_m[b]);
             (now - before).abs() <= SETTLED * now
         });
         if is_settled || step + 1 == STEPS {
             let answer = problem.answer(&solution, &[])?;
             let improvement = cross_validation::improvement(without.as_ref()?, &predicted()?);
-            return accepted(data, setup, &answer, improvement, table);
+            return accepted(data, plain, &answer, improvement, table);
         }
     }
     None

@@ -10,13 +10,15 @@ use super::Dataset;
 use super::quality::cross_validation;
 use crate::config::Switch;
 use crate::solver::terms::attenuation::TimeGrid;
-use crate::solver::{Setup, sample_path};
+use crate::solver::{Setup, sample_path, thinned};
 use crate::stats;
 use crate::units::Stamp;
 
 /// Frames that a node needs.
 const FRAMES_PER_NODE: usize = 12;
 const MAX_NODES: usize = 24;
+/// Observations that tell whether α changes.
+const MAX_OBSERVATIONS: usize = 24_000;
 /// α is not interpolated across gaps longer than this (s) and …
 const GAP_S: f64 = 120.0;
 /// … than this many intervals between frames.
@@ -46,9 +48,10 @@ pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
     }
     let (lamps, paths) = (data.lamps, &sample_path);
     let steady = Setup { free_strobe: false, segments: None, ..*setup };
-    let without = cross_validation::residuals(data.tracks, &steady, lamps, paths)?;
+    let tracks = &thinned(data.tracks, MAX_OBSERVATIONS);
+    let without = cross_validation::residuals(tracks, &steady, lamps, paths)?;
     let with = cross_validation::residuals(
-        data.tracks,
+        tracks,
         &Setup { segments: Some(&found.grid), ..steady },
         lamps,
         paths,

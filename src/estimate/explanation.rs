@@ -54,6 +54,8 @@ pub struct Explanation {
     /// α with backscatter modelled, where the settings exclude it (1/m)
     pub unmodelled: Option<Bands>,
     pub camera: Option<CameraFit>,
+    /// a strobe that is elsewhere, which explains nearly as well what is taken for other light
+    pub rival: Option<Lamps>,
     /// clock and mount that explain the log better than any fault of the camera
     pub mounts: Option<MountFit>,
 }
@@ -68,6 +70,7 @@ impl Explanation {
             backscatter: None,
             daylight: None,
             unmodelled: None,
+            rival: None,
             mounts: None,
         }
     }

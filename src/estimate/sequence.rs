@@ -187,9 +187,8 @@ impl Given<'_> {
         if let Some(mut moved) = moved.filter(|_| explained.direct.is_some()) {
             // What looks like other light may be a strobe that is elsewhere.
             self.separate_light(&mut moved);
-            if moved.direct.is_none() && self.cost(&moved) < self.cost(&explained) {
-                return moved;
-            }
+            let is_near = || self.cost(&moved) < self.cost(&explained) + LEAST_DECREASE;
+            explained.rival = (moved.direct.is_none() && is_near()).then_some(moved.strobe.lamps);
         }
         let Some(mut given) = given else { return explained };
         // Backscatter and daylight pull the strobe away, too.
@@ -376,7 +375,7 @@ fn finish(
     given: Given<'_>,
 ) -> Result<ModelEstimate> {
     let Given { mounts, config } = given;
-    let (known, unmodelled) = (explained.mounts, explained.unmodelled);
+    let (known, unmodelled, rival) = (explained.mounts, explained.unmodelled, explained.rival);
     let Explanation { mut raw, direct, mut strobe, backscatter, daylight, camera, .. } = explained;
     let can_tell = raw.data(mounts, mounts.lamps, None).is_informative(config);
     let regions = Regions::of(&raw.frames, mounts.body_from_optical);
@@ -398,6 +397,7 @@ fn finish(
     let mut estimate = estimated?;
     let kept = mount_fit.as_ref().filter(|_| !replaces_mounts);
     estimate.widen(&doubt::by_geometry(&data, &strobe, kept, (mounts, config)));
+    estimate.widen(&doubt::by_rival(&data, rival, &estimate.model, config));
     let judgement = estimate.judge(&data, regions.as_ref(), config);
     estimate.ensure_corrects(&judgement)?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {

@@ -62,18 +62,12 @@ impl StrobePlacement {
         Self { lamps, source: None, search: None, warning: None }
     }
 
-    /// A given position that was kept, moved to where a search found it, though not surely; `None`
-    /// where that is near.
+    /// Where a search found the strobe of a given position that was kept: far from it, though not
+    /// surely.
     pub fn moved(&self) -> Option<Self> {
         let found = self.search.as_ref().filter(|_| self.source.is_none())?;
-        let std = found.distance_std_m();
-        let is_far = found.moved_m > CONTRADICTION_M && std < UNSURE_M;
-        is_far.then(|| Self {
-            lamps: found.lamps,
-            source: Some(StrobeSource::Refined),
-            search: Some(found.clone()),
-            warning: Some(contradiction(found, std, true)),
-        })
+        let is_far = found.moved_m > CONTRADICTION_M && found.distance_std_m() < UNSURE_M;
+        is_far.then(|| Self { source: Some(StrobeSource::Refined), ..Self::kept(found.lamps) })
     }
 }
 

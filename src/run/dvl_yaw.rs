@@ -17,7 +17,7 @@ use crate::units::Stamp;
 use crate::vehicle::{AttitudeTrack, Ping};
 
 /// Most pings that are compared.
-const MAX_PINGS: usize = 1500;
+const MAX_PINGS: usize = 500;
 /// Fewest pings.
 const MIN_PINGS: usize = 30;
 /// Smallest turn: smaller ones change the planes little (deg).

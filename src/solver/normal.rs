@@ -17,6 +17,9 @@ use crate::parallel::par_map;
 /// costs little. Fixed, so that the result does not depend on the number of threads.
 const PARTS: usize = 4;
 
+/// Bits of a word.
+const WORD: usize = u64::BITS as usize;
+
 /// Weighted linear equations of tracks.
 #[derive(Clone, Copy)]
 pub struct LinearSystem<'p> {
@@ -38,10 +41,12 @@ pub struct Normal {
     pub matrix: DMatrix<f64>,
     /// right-hand side
     pub right: DVector<f64>,
-    /// Σ w x per unknown of the current track, by band
-    sums: Vec<(usize, Bands)>,
-    /// unknown → index in `sums`
-    slots: Vec<usize>,
+    /// per unknown: Σ w x of the current track, by band
+    sums: Vec<Bands>,
+    /// a bit per unknown: whether the current track has it
+    touched: Vec<u64>,
+    /// those it has, in order, with their sums
+    of_track: Vec<(usize, Bands)>,
     common: Row,
     own: Row,
 }
@@ -136,8 +141,9 @@ impl Normal {
         Self {
             matrix,
             right,
-            sums: Vec::new(),
-            slots: vec![usize::MAX; unknowns],
+            sums: vec![[0.0; 3]; unknowns],
+            touched: vec![0; unknowns.div_ceil(WORD)],
+            of_track: Vec::new(),
             common: Row::default(),
             own: Row::default(),
         }
@@ -194,28 +200,34 @@ impl Normal {
     /// Subtracts (Σ w x)(Σ w x)ᵀ / Σ w of the current track.
     fn eliminate(&mut self, total: &Bands, total_y: &Bands) {
         let per_total = total.map(|t| if t > 1e-12 { 1.0 / t } else { 0.0 });
-        self.sums.sort_unstable_by_key(|(p, _)| *p);
+        self.gather();
         let unknowns = self.matrix.nrows();
-        for (k, (p, x)) in self.sums.iter().enumerate() {
+        for (k, (p, x)) in self.of_track.iter().enumerate() {
             let x: Bands = std::array::from_fn(|b| x[b] * per_total[b]);
             self.right[*p] -= x[0] * total_y[0] + x[1] * total_y[1] + x[2] * total_y[2];
             // Down a column, as the matrix lies in memory.
             let column = &mut self.matrix.as_mut_slice()[p * unknowns..][..unknowns];
-            for (q, z) in &self.sums[k..] {
+            for (q, z) in &self.of_track[k..] {
                 column[*q] -= x[0] * z[0] + x[1] * z[1] + x[2] * z[2];
             }
-            self.slots[*p] = usize::MAX;
         }
-        self.sums.clear();
+    }
+
+    /// Takes the sums of the current track. Bits have the order that a sort would give.
+    fn gather(&mut self) {
+        self.of_track.clear();
+        for (n, word) in self.touched.iter_mut().enumerate() {
+            while *word != 0 {
+                let unknown = n * WORD + word.trailing_zeros() as usize;
+                self.of_track.push((unknown, std::mem::take(&mut self.sums[unknown])));
+                *word &= *word - 1;
+            }
+        }
     }
 
     /// Adds to Σ w x of an unknown.
     fn sum(&mut self, unknown: usize, of_band: impl Fn(usize) -> f64) {
-        let slot = &mut self.slots[unknown];
-        if *slot == usize::MAX {
-            *slot = self.sums.len();
-            self.sums.push((unknown, [0.0; 3]));
-        }
-        self.sums[*slot].1.iter_mut().enumerate().for_each(|(b, sum)| *sum += of_band(b));
+        self.touched[unknown / WORD] |= 1 << (unknown % WORD);
+        self.sums[unknown].iter_mut().enumerate().for_each(|(b, sum)| *sum += of_band(b));
     }
 }

@@ -47,6 +47,7 @@ pub struct Solution {
 }
 
 /// A solution in terms of the model.
+#[derive(Clone)]
 pub struct Fit {
     /// α (1/m), the mean over the frames
     pub attenuation_per_m: Bands,

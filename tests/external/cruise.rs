@@ -16,7 +16,7 @@ use unwater::model::ModelFile;
 const DIVES: usize = 12;
 const WATERS: [[f64; 3]; 3] = [[0.45, 0.14, 0.10], [0.62, 0.21, 0.14], [0.36, 0.08, 0.07]];
 /// Seconds after which the workflow is killed.
-const KILLED_AFTER_S: [&str; 3] = ["4", "6", "8"];
+const KILLED_AFTER_S: [&str; 3] = ["3", "4", "5"];
 /// Of the stills.
 const FIELD_OF_VIEW: [&str; 2] = ["--horizontal-fov", "46.4"];
 

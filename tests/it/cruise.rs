@@ -399,6 +399,14 @@ fn samples_of_dives_are_estimated_together() {
     std::fs::write(&damaged, &bytes).unwrap();
     let ran = unwater(&["estimate", "--from", text(&damaged)]);
     assert!(ran.status.code() == Some(1) && stderr(&ran).contains("damaged"), "{}", stderr(&ran));
+    bytes[middle] ^= 1;
+    let header = bytes.iter().position(|b| *b == b'\n').unwrap();
+    for cut in [0, 1, header - 1, header, header + 1, header + 9, middle, bytes.len() - 1] {
+        std::fs::write(&damaged, &bytes[..cut]).unwrap();
+        let ran = unwater(&["estimate", "--from", text(&damaged)]);
+        let is_named = stderr(&ran).contains("invalid samples in");
+        assert!(ran.status.code() == Some(1) && is_named, "cut at {cut}: {}", stderr(&ran));
+    }
     let ran = unwater(&["estimate", "--from", text(&joint)]);
     assert!(
         ran.status.code() == Some(1) && stderr(&ran).contains("first line"),

@@ -206,7 +206,9 @@ fn likely_silent_errors_exceed_the_bounds() {
     let dive = Dive { seed: 61, frames: 28, sensor: Sensor::Rgb8, ..Dive::default() };
     let (right, _) = judged(&dive, &Options::default());
     assert_attenuation("8-bit sRGB", &right, &[0.001; 3]);
-    let mut gamma_left_in = Options::default();
+    let mut as_given = Options::default();
+    as_given.config.estimate.self_calibration = SelfCalibration::Off;
+    let mut gamma_left_in = as_given.clone();
     gamma_left_in.config.light.transfer = "linear".parse().expect("a transfer");
     let (wrong, _) = judged(&dive, &gamma_left_in);
     assert!(
@@ -214,7 +216,7 @@ fn likely_silent_errors_exceed_the_bounds() {
         "gamma left in: {:.4?}",
         wrong.attenuation_error_per_m
     );
-    let mut no_spreading = Options::default();
+    let mut no_spreading = as_given.clone();
     no_spreading.config.estimate.spreading = Spreading::None;
     let (effective, _) = judged(&dive, &no_spreading);
     assert_eq!(effective.model.attenuation_kind, AttenuationKind::Effective);
@@ -224,7 +226,7 @@ fn likely_silent_errors_exceed_the_bounds() {
         effective.attenuation_error_per_m
     );
     // Ranges a tenth too long, as a vertical range taken for a slant one would be.
-    let mut stretched = Options::default();
+    let mut stretched = as_given;
     stretched.rig.dvl.sound_speed_ratio = Some(1.1);
     let (long, _) = judged(&dive, &stretched);
     assert!(

@@ -9,7 +9,7 @@ use crate::estimate::mount_search::MountFit;
 use crate::estimate::strobe_search::StrobePlacement;
 use crate::estimate::{Dataset, Mounts};
 use crate::image::Bands;
-use crate::model::BeamGrid;
+use crate::model::{BeamGrid, ImagingModel};
 use crate::solver::{Observation, PathFor, Setup, sample_path, solve, thinned};
 use crate::vehicle::Lamps;
 
@@ -58,6 +58,22 @@ pub fn by_geometry(
         change(alpha(data.lamps, &|o: &Observation, lamps| shifted.path(o, lamps)), share)
     });
     std::array::from_fn(|b| by_strobe[b].hypot(by_mount[b]))
+}
+
+/// Error of α (1/m) where a strobe that is elsewhere explains the log as well as backscatter and
+/// daylight do: the difference between the two.
+pub fn by_rival(
+    data: &Dataset<'_>,
+    rival: Option<Lamps>,
+    model: &ImagingModel,
+    config: &EstimateConfig,
+) -> Bands {
+    let Some(lamps) = rival else { return [0.0; 3] };
+    let tracks = thinned(data.raw_tracks(), MAX_OBSERVATIONS);
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let setup = Setup { rounds: FEW_ROUNDS, ..data.setup(grid, config) };
+    let Some(other) = solve(&tracks, &setup, lamps, &sample_path) else { return [0.0; 3] };
+    std::array::from_fn(|b| other.attenuation_per_m[b] - model.attenuation_per_m[b])
 }
 
 /// How much of three numbers is more than their standard deviations explain: 0 where these are as
