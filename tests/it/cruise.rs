@@ -182,6 +182,9 @@ fn split(folder: &Path) -> [PathBuf; 3] {
     [path(0), path(1), path(2)]
 }
 
+/// Quick estimates.
+const AS_GIVEN: [&str; 2] = ["--self-calibration", "off"];
+
 #[test]
 fn the_parts_of_a_recording_are_one_dive() {
     let folder = tempfile::tempdir().unwrap();
@@ -191,8 +194,7 @@ fn the_parts_of_a_recording_are_one_dive() {
     let all: Vec<Record> = parts.iter().flat_map(|part| records(part)).collect();
     write(&whole, &all);
     let run = |inputs: &[&str], out: &Path| {
-        let as_given = ["--self-calibration", "off", "-o", text(out)];
-        let ran = unwater(&[&["correct"], inputs, &as_given].concat());
+        let ran = unwater(&[&["correct"], inputs, &AS_GIVEN, &["-o", text(out)]].concat());
         assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
         by_topic(out)
     };
@@ -237,12 +239,12 @@ fn the_parts_of_a_recording_are_one_dive() {
         names[..3].iter().map(|n| listed.join(n)).collect::<Vec<_>>()
     );
     std::fs::write(listed.join("metadata.yaml"), list(&names)).unwrap();
-    let ran = unwater(&["correct", text(&listed), "-o", text(&of("lossy.mcap"))]);
+    let (listed, lossy) = (text(&listed), of("lossy.mcap"));
+    let correct = [&["correct", listed, "-o", text(&lossy)], &AS_GIVEN[..]].concat();
+    let ran = unwater(&correct);
     assert_eq!(ran.status.code(), Some(3), "{}", stderr(&ran));
     assert!(stderr(&ran).contains("the part fourth.mcap is missing"), "{}", stderr(&ran));
-    let lossy = of("lossy.mcap");
-    let accept = ["correct", text(&listed), "-o", text(&lossy), "--force", "--accept-losses"];
-    let ran = unwater(&accept);
+    let ran = unwater(&[&correct[..], &["--force", "--accept-losses"]].concat());
     assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
     assert_eq!(by_topic(&lossy).len(), of_bag.len());
 }

@@ -164,7 +164,8 @@ fn gains_of_several_logs_name_their_log() {
     let folder = tempfile::tempdir().unwrap();
     let paths = [folder.path().join("a.mcap"), folder.path().join("b.mcap")];
     for (path, half_power_frames) in paths.iter().zip([0.0, 0.05]) {
-        Dive { seed: 91, frames: 40, half_power_frames, ..Dive::default() }.write(path);
+        let small = Dive { width: 240, height: 180, focal_px: 280.0, ..Dive::default() };
+        Dive { seed: 91, frames: 40, half_power_frames, ..small }.write(path);
     }
     let logs = [paths[0].as_path(), paths[1].as_path()];
     let (model, _) = estimate_logs(&logs, &Options::default(), &Silent).unwrap();
