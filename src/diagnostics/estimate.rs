@@ -103,6 +103,10 @@ facts! {
                   frames: something in the light is not modelled", 100.0 * systematic),
             remedy("look for a second lamp, daylight, or moving shadows; the differences between \
                     bands suffer less");
+        Warning "not-identified-logs-differ" LogsDiffer,
+            text("the logs are of different waters, and overlap in time: the model cannot tell \
+                  whose attenuation is used"),
+            remedy("estimate each log alone");
         Warning "not-identified-residual" LightLeft,
             text("attenuation and beam pattern do not explain the light: what they leave of it \
                   differs by place in the image and slant range, and is removed beside them"),

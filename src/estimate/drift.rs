@@ -33,7 +33,7 @@ const MIN_IMPROVEMENT: f64 = 0.02;
 /// Nodes of α in time.
 #[derive(Clone, Debug)]
 pub struct DriftFit {
-    /// times in order, each with its node
+    /// times in order, each with its node; none where logs overlap in time
     pub stamps: Vec<(Stamp, usize)>,
     /// position of each frame between the nodes
     pub grid: TimeGrid,
@@ -42,7 +42,7 @@ pub struct DriftFit {
 /// Nodes, where the log supports them.
 pub fn find(data: &Dataset<'_>, setup: &Setup<'_>) -> Option<DriftFit> {
     let has_several_logs = data.frames.iter().any(|f| f.log > 0);
-    let found = if has_several_logs { one_per_log(data) } else { nodes(data) }?;
+    let found = if has_several_logs { one_per_log(data) } else { nodes(data)? };
     if setup.config.drift == Switch::Auto && !has_several_logs && !altitude_recurs(data) {
         return None;
     }
@@ -116,8 +116,8 @@ fn nodes(data: &Dataset<'_>) -> Option<DriftFit> {
     Some(DriftFit { stamps: stamps.into_iter().map(Stamp).zip(0..).collect(), grid })
 }
 
-/// One node for each log; `None` where logs overlap in time.
-fn one_per_log(data: &Dataset<'_>) -> Option<DriftFit> {
+/// One node for each log.
+fn one_per_log(data: &Dataset<'_>) -> DriftFit {
     let mut spans: BTreeMap<usize, (Stamp, Stamp)> = BTreeMap::new();
     for frame in data.frames {
         let (first, last) = spans.entry(frame.log).or_insert((frame.stamp, frame.stamp));
@@ -125,9 +125,7 @@ fn one_per_log(data: &Dataset<'_>) -> Option<DriftFit> {
     }
     let mut in_time: Vec<(usize, (Stamp, Stamp))> = spans.into_iter().collect();
     in_time.sort_by_key(|(_, span)| *span);
-    if in_time.windows(2).any(|pair| pair[0].1.1 >= pair[1].1.0) {
-        return None;
-    }
+    let overlap = in_time.windows(2).any(|pair| pair[0].1.1 >= pair[1].1.0);
     let ends = in_time.iter().zip(0..).flat_map(|((_, (first, last)), node)| {
         [Some((*first, node)), (first < last).then_some((*last, node))].into_iter().flatten()
     });
@@ -137,7 +135,7 @@ fn one_per_log(data: &Dataset<'_>) -> Option<DriftFit> {
         nodes: in_time.len(),
         is_joined: vec![false; in_time.len() - 1],
     };
-    Some(DriftFit { stamps: ends.collect(), grid })
+    DriftFit { stamps: if overlap { Vec::new() } else { ends.collect() }, grid }
 }
 
 #[cfg(test)]
@@ -158,12 +156,13 @@ mod tests {
         let frames = [frame(0, 100), frame(0, 101), frame(1, 7), frame(1, 8)];
         let (identity, lamps) = (Transform::identity(), Lamps::one(Transform::identity()));
         let of = |frames| one_per_log(&Dataset::plain(frames, &[], identity, lamps));
-        let found = of(&frames).expect("nodes");
+        let found = of(&frames);
         let seconds: Vec<_> = found.stamps.iter().map(|(t, n)| (t.0 / 1_000_000_000, *n)).collect();
         assert_eq!(seconds, [(7, 0), (8, 0), (100, 1), (101, 1)]);
         assert_eq!(found.grid.frames, [(1, 0.0), (1, 0.0), (0, 0.0), (0, 0.0)]);
         assert!(found.grid.is_of_logs() && found.grid.frames_per_node() == [2, 2]);
-        assert!(of(&[frame(0, 1), frame(1, 2), frame(0, 3)]).is_none(), "they overlap in time");
+        let overlapping = of(&[frame(0, 1), frame(0, 3), frame(1, 2)]);
+        assert!(overlapping.stamps.is_empty() && overlapping.grid.is_of_logs());
     }
 
     #[test]

@@ -157,7 +157,7 @@ impl Kept {
             geometry.clock_offset_s = geometry.clock_offset_s.or(before.clock_offset_s);
             geometry.dvl_rotation_xyzw = geometry.dvl_rotation_xyzw.or(before.dvl_rotation_xyzw);
             geometry.is_camera_held |= before.is_camera_held;
-            model.mount_check = self.mount_check;
+            model.mount_check = self.mount_check.or(model.mount_check.take());
         }
         let of_before = self.diagnostics.into_iter();
         let kept: Vec<Diagnostic> = of_before.filter(|d| !model.diagnostics.contains(d)).collect();

@@ -3,9 +3,8 @@
 //! Each lamp has its own pose. All share one beam pattern, each about its own axes, and their light
 //! adds up. They are rigidly connected.
 
-use serde::{Deserialize, Serialize};
-
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::coordinates::{Body, Point, Strobe, Transform};
 

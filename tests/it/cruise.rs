@@ -355,10 +355,10 @@ fn samples_of_dives_are_estimated_together() {
         focal_px: 280.0,
         ..Dive::default()
     };
-    let sampled = |number: usize, water: [f64; 3]| {
+    let sampled = |number: usize, hour: i32, water: [f64; 3]| {
         let names = ["mcap", "json", "samples"].map(|kind| of(&format!("{number}.{kind}")));
         dive(number as u64, water).write(&names[0]);
-        delay(&names[0], 3600 * number as i32);
+        delay(&names[0], 3600 * hour);
         let [log, model, samples] = names.each_ref().map(|name| text(name));
         let ran = unwater(&["estimate", log, "-o", model, "--save-samples", samples, "-q"]);
         assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
@@ -369,7 +369,8 @@ fn samples_of_dives_are_estimated_together() {
         assert!(std::fs::read(&again).unwrap() == std::fs::read(model).unwrap());
         names
     };
-    let dives: Vec<[PathBuf; 3]> = waters.iter().zip(1..).map(|(w, n)| sampled(n, *w)).collect();
+    let dives: Vec<[PathBuf; 3]> =
+        waters.iter().zip(1..).map(|(w, n)| sampled(n, n as i32, *w)).collect();
     // The images are not needed any more.
     dives.iter().for_each(|[log, ..]| std::fs::remove_file(log).unwrap());
     let samples: Vec<&str> = dives.iter().map(|d| text(&d[2])).collect();
@@ -390,6 +391,15 @@ fn samples_of_dives_are_estimated_together() {
             assert_within(&format!("dive {n}, band {band} [σ]"), error / std, 3.0);
         }
     }
+
+    // At the same time in another water: whose attenuation is meant?
+    let [.., other] = sampled(4, 1, waters[1]);
+    let ran =
+        unwater(&["estimate", "--from", samples[0], text(&other), "-o", text(&joint), "--force"]);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    let (_, _, model) = attenuation(&joint);
+    let reason = model["not_identified_because"].as_str().unwrap_or_default();
+    assert!(model["identified"] == false && reason.contains("overlap in time"), "{reason}");
 
     // What does not belong together is refused, and damage is said.
     let same = unwater(&["estimate", "--from", samples[0], samples[0]]);

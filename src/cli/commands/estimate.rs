@@ -38,7 +38,10 @@ pub struct Args {
         long,
         value_name = "FILE",
         num_args = 1..,
-        conflicts_with_all = ["inputs", "beam_from", "save_samples", "rig", "camera", "dvl"]
+        conflicts_with_all = [
+            "inputs", "beam_from", "save_samples", "rig", "camera", "dvl", "strobe_frame", "start",
+            "end", "transfer",
+        ]
     )]
     from: Vec<PathBuf>,
     #[command(flatten)]
@@ -59,6 +62,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let samples = args.from.first().map(|samples| path_beside(samples, "model.json"));
     let default = || logs.first().map(|log| log.beside("model.json")).or(samples);
     let output = args.output.clone().or_else(default).unwrap_or_default();
+    if args.save_samples.as_ref().is_some_and(|samples| *samples == output || is_stdout(samples)) {
+        return Err(Error::Usage("--save-samples: give the samples a file of their own".into()));
+    }
     let files = logs.iter().map(LogFiles::files).collect::<Result<Vec<_>>>()?.concat();
     for output in args.save_samples.iter().chain([&output]).filter(|o| !is_stdout(o)) {
         for file in files.iter().chain(&args.from) {

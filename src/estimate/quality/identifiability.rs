@@ -38,6 +38,9 @@ pub fn not_identified(
     if frames < MIN_FRAMES {
         return Some(NotIdentified::FewFrames { frames, needed: MIN_FRAMES });
     }
+    if data.drift.is_some_and(|drift| drift.stamps.is_empty()) {
+        return Some(NotIdentified::LogsDiffer);
+    }
     if is_tilt_ambiguous(data) {
         return Some(NotIdentified::TiltsAmbiguous);
     }
