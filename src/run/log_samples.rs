@@ -204,3 +204,34 @@ fn other_mount(a: &Extrinsics, b: &Extrinsics) -> Option<&'static str> {
     }
     is_other(strobe).then_some("strobe")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vehicle::{Lamps, StrobeMount};
+
+    fn mounts(camera_x_m: f64, strobe_x_m: f64) -> Extrinsics {
+        let at = |x_m: f64| [x_m, 0.0, 0.3];
+        let upright = [0.0, 0.0, 0.0, 1.0];
+        Extrinsics {
+            body_from_optical: Transform::from_parts(at(camera_x_m), upright),
+            body_from_dvl: Transform::identity(),
+            strobe: StrobeMount {
+                lamps: Lamps::one(Transform::from_parts(at(strobe_x_m), upright)),
+                source: None,
+            },
+        }
+    }
+
+    #[test]
+    fn mounts_of_logs_agree_within_a_centimetre() {
+        let of_the_first = mounts(0.1, 0.8);
+        assert_eq!(other_mount(&mounts(0.105, 0.795), &of_the_first), None);
+        assert_eq!(other_mount(&mounts(0.12, 0.8), &of_the_first), Some("camera"));
+        assert_eq!(other_mount(&mounts(0.1, 0.7), &of_the_first), Some("strobe"));
+        // a turn in place is another mount too
+        let mut turned = of_the_first.clone();
+        turned.body_from_optical = Transform::from_parts([0.1, 0.0, 0.3], [0.0, 0.0, 0.1, 0.995]);
+        assert_eq!(other_mount(&turned, &of_the_first), Some("camera"));
+    }
+}

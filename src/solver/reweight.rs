@@ -44,8 +44,14 @@ fn class_spreads(
     for b in 0..bands {
         let expected = |i: usize| f64::from(equations[i].reading.log_color[b]) - residuals[i][b];
         let mut order: Vec<(f64, usize)> = (0..count).map(|i| (expected(i), i)).collect();
-        order.sort_unstable_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
-        for class in order.chunks(count.div_ceil(NOISE_CLASSES).max(MIN_CLASS)) {
+        let size = count.div_ceil(NOISE_CLASSES).max(MIN_CLASS);
+        // Only what belongs together is wanted, not an order within.
+        for start in (size..count).step_by(size) {
+            order[start - size..].select_nth_unstable_by(size, |x, y| {
+                x.0.total_cmp(&y.0).then(x.1.cmp(&y.1))
+            });
+        }
+        for class in order.chunks(size) {
             let of_class: Vec<f64> = class.iter().map(|(_, i)| residuals[*i][b]).collect();
             let of_class = stats::robust_std(&of_class).max(MIN_CLASS_SPREAD * spread);
             class.iter().for_each(|(_, i)| spreads[*i][b] = of_class);
