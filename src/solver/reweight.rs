@@ -47,9 +47,8 @@ fn class_spreads(
         let size = count.div_ceil(NOISE_CLASSES).max(MIN_CLASS);
         // Only what belongs together is wanted, not an order within.
         for start in (size..count).step_by(size) {
-            order[start - size..].select_nth_unstable_by(size, |x, y| {
-                x.0.total_cmp(&y.0).then(x.1.cmp(&y.1))
-            });
+            order[start - size..]
+                .select_nth_unstable_by(size, |x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
         }
         for class in order.chunks(size) {
             let of_class: Vec<f64> = class.iter().map(|(_, i)| residuals[*i][b]).collect();
