@@ -27,13 +27,7 @@ pub struct Noise {
 impl Noise {
     /// Noise of images of this encoding.
     pub fn of(coding: &Coding, response: CameraResponse<'_>, electrons: Electrons) -> Self {
-        let max_value = match coding.bits {
-            0..=8 => 255,
-            _ => {
-                let unused = coding.bits_used.trailing_zeros().min(8);
-                usize::from(response.white_level.unwrap_or(u16::MAX) >> unused).max(1)
-            }
-        };
+        let max_value = usize::from(coding.max_value(response.white_level));
         let share = |value: usize| value as f64 / max_value as f64;
         let levels = match (response.response, coding.transfer) {
             (Some(table), _) => (0..=max_value).map(|v| table.to_linear(share(v)) as f32).collect(),

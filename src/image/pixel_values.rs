@@ -36,6 +36,18 @@ pub struct Coding {
     pub bits_used: u16,
 }
 
+impl Coding {
+    /// Number of steps of the pixel values up to full scale: 255 for 8 bits, 4095 for a sensor of
+    /// 12 bits that uses the upper bits of 16.
+    pub fn max_value(&self, white_level: Option<u16>) -> u16 {
+        if self.bits <= 8 {
+            return 255;
+        }
+        let unused = self.bits_used.trailing_zeros().min(8);
+        (white_level.unwrap_or(u16::MAX) >> unused).max(1)
+    }
+}
+
 /// Samples in memory, as decompressed or as stored in the message.
 pub struct StoredSamples<'a> {
     pub data: Cow<'a, [u8]>,

@@ -16,6 +16,11 @@ const TERRAIN_LOG_ERROR: f64 = 0.011;
 /// Error of the mean of 8-bit pixel values, in pixel values: a JPEG's rounding is seldom even. It
 /// matters in dark areas.
 const COMMON_VALUE_ERROR: f64 = 0.1;
+/// The same of linear pixel values: a converter may truncate, half a step low, or round, and no
+/// file says which it does.
+const COMMON_LINEAR_VALUE_ERROR: f64 = 0.35;
+/// Noise that even bright points have (log light).
+const LEAST_NOISE: f64 = 0.005;
 /// Error of the form of backscatter, as a share of its effect on α.
 const SCATTERING_FORM_ERROR: f64 = 0.1;
 /// Error of gains or of a transfer curve that were found, over the log's range of path lengths. By
@@ -108,29 +113,38 @@ fn black_level_share_per_m(data: &Dataset<'_>, camera: &CameraFit, band: usize) 
     let level = camera.curve.black_level[band];
     let share = |o: &Observation| level / (f64::from(o.sample.log_color[band]).exp() + level);
     let observations = data.raw_tracks().iter().flatten();
-    slope(observations.filter_map(|o| Some((data.path(o)?.length_m(), share(o)))))
+    slope(observations.filter_map(|o| Some((data.path(o)?.length_m(), share(o), 1.0))))
 }
 
 /// Slope over path length of the log light of an error in pixel values: α absorbs it (1/m).
 fn value_error_per_m(data: &Dataset<'_>, band: usize) -> f64 {
-    // The sRGB curve, which is near any gamma: light ∝ value^2.4.
+    // Error, and weight in the solve by the noise that the values are sure to have.
     let log_light = |o: &Observation| {
-        COMMON_VALUE_ERROR * 2.4 / (255.0 * 1.055)
-            * (-f64::from(o.sample.log_color[band]) / 2.4).exp()
+        let (frame, log_color) =
+            (data.frames.get(o.frame as usize)?, f64::from(o.sample.log_color[band]));
+        let step = 1.0 / f64::from(frame.max_value);
+        Some(if frame.is_eight_bit() {
+            // The sRGB curve, which is near any gamma: light ∝ value^2.4.
+            (COMMON_VALUE_ERROR * step * 2.4 / 1.055 * (-log_color / 2.4).exp(), 1.0)
+        } else {
+            let of_step = step * (-log_color).exp();
+            (COMMON_LINEAR_VALUE_ERROR * of_step, 1.0 / (1.0 + (of_step / LEAST_NOISE).powi(2)))
+        })
     };
-    let is_8_bit =
-        |o: &&Observation| data.frames.get(o.frame as usize).is_some_and(|f| f.eight_bit);
-    let of_8_bit = data.raw_tracks().iter().flatten().filter(is_8_bit);
-    slope(of_8_bit.filter_map(|o| Some((data.path(o)?.length_m(), log_light(o)))))
+    let observations = data.raw_tracks().iter().flatten();
+    slope(observations.filter_map(|o| {
+        let (error, weight) = log_light(o)?;
+        Some((data.path(o)?.length_m(), error, weight))
+    }))
 }
 
-/// Size of the slope of y over x.
-fn slope(points: impl Iterator<Item = (f64, f64)>) -> f64 {
-    let (n, sum_l, sum_e, sum_ll, sum_le) = points
-        .fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y)| {
-            (n + 1.0, l + x, e + y, ll + x * x, le + x * y)
+/// Size of the slope of y over x, of points (x, y, weight).
+fn slope(points: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
+    let (n, sum_l, sum_e, sum_ll, sum_le) =
+        points.fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y, w)| {
+            (n + w, l + w * x, e + w * y, ll + w * x * x, le + w * x * y)
         });
-    let variance = sum_ll - sum_l * sum_l / f64::max(n, 1.0);
+    let variance = sum_ll - sum_l * sum_l / f64::max(n, 1e-12);
     if variance > 0.0 { ((sum_le - sum_l * sum_e / n) / variance).abs() } else { 0.0 }
 }
 
