@@ -5,7 +5,7 @@
 use super::samples::FrameSamples;
 use crate::image::Bands;
 use crate::solver::camera::{
-    CameraUnknowns, FrameGains, ImageRadius, KNOTS, ReadingCurve, VIGNETTING_TERMS, vignetting_at,
+    CameraUnknowns, FrameGains, ImageRadius, ReadingCurve, SPLINES, VIGNETTING_TERMS, vignetting_at,
 };
 use crate::solver::{CameraSolution, MIN_DIRECT_SHARE, Sample, Track};
 use crate::vehicle::Lamps;
@@ -13,6 +13,9 @@ use crate::vehicle::Lamps;
 /// More frames than this have no gain per band in the solves that follow: their number goes into
 /// the cost with the third power, and they do not change α.
 const MAX_FRAMES_OF_BAND_GAINS: usize = 120;
+
+/// Standard deviation of gains that evidence begins with (log light).
+const FIRST_UNEVENNESS: f64 = 0.02;
 
 /// Which of the camera's unknowns the log shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,7 +26,7 @@ pub struct CameraTermsFound {
     pub law: bool,
     /// vignetting
     pub vignetting: bool,
-    /// another transfer curve, free at its knots
+    /// another transfer curve, free
     pub response: bool,
     /// black level
     pub black_level: bool,
@@ -107,6 +110,13 @@ impl CameraFit {
         }
     }
 
+    /// The same with a gain of every frame, by evidence.
+    pub fn with_uneven_frames(&self) -> CameraUnknowns<'_> {
+        let std = [FIRST_UNEVENNESS, 0.0];
+        let gains = FrameGains { means: &self.remaining, std, is_estimated: true };
+        CameraUnknowns { gains: Some(gains), ..self.unknowns() }
+    }
+
     /// Log gain per frame, the mean over the bands.
     pub fn common_gains(&self) -> Vec<f64> {
         let mean = |g: &Bands| g[..self.bands].iter().sum::<f64>() / self.bands as f64;
@@ -150,6 +160,6 @@ impl CameraFit {
 
     /// The fit at full precision of the curve: whether pixel values have to be read again.
     pub fn changes_reading(&self) -> bool {
-        self.curve.transfer.is_some() || self.curve.knots != [0.0; KNOTS]
+        self.curve.transfer.is_some() || self.curve.coefficients != [0.0; SPLINES]
     }
 }

@@ -20,7 +20,7 @@ use crate::image::response::TransferKnown;
 use crate::image::transfer::Transfer;
 use crate::model::BeamGrid;
 use crate::parallel::par_map;
-use crate::solver::camera::{CameraUnknowns, FrameGains, ImageRadius, KNOTS, ReadingCurve};
+use crate::solver::camera::{CameraUnknowns, FrameGains, ImageRadius, ReadingCurve, SPLINES};
 use crate::solver::terms::attenuation::TimeGrid;
 use crate::solver::{
     CameraSolution, Observation, PathFor, Problem, Setup, Track, sample_path, thinned,
@@ -51,7 +51,7 @@ const LAW_LEAVES: f64 = 0.5;
 
 /// Log light in the corner, at most, where there is vignetting.
 const MAX_CORNER: f64 = -0.05;
-/// A curve free at its knots costs this much more than a named one.
+/// A free curve costs this much more than a named one.
 const NAMED_FIRST: f64 = 0.1;
 
 /// One hypothesis about the camera.
@@ -74,7 +74,7 @@ impl Trial {
         self.solution.gain_std.iter().zip(QUIET_GAIN_STD).all(|(std, most)| *std < most)
     }
 
-    /// Whether its transfer curve is free at the knots.
+    /// Whether its transfer curve is free.
     fn is_fitted(&self) -> bool {
         self.hypothesis.terms.response
     }
@@ -201,7 +201,7 @@ fn least_decrease(before: &Hypothesis, after: &Hypothesis) -> f64 {
     if before.transfer != after.transfer {
         0.1
     } else if before.terms.response != after.terms.response {
-        // On top of a named curve the knots must explain more.
+        // On top of a named curve a free one must explain more.
         if before.transfer.is_some() { 0.2 } else { 0.1 }
     } else if before.terms.black_level != after.terms.black_level {
         0.02
@@ -246,7 +246,7 @@ impl<'s> Trials<'s> {
 
     /// The solve of a hypothesis, gains by evidence.
     fn run(&self, hypothesis: Hypothesis, rounds: usize) -> Option<Trial> {
-        let mut curve = ReadingCurve::new([0.0; 3], hypothesis.transfer, [0.0; KNOTS]);
+        let mut curve = ReadingCurve::new([0.0; 3], hypothesis.transfer, [0.0; SPLINES]);
         if hypothesis.terms.response {
             // Free gains would take part of the curve.
             let held = self.solve(hypothesis, &curve, None, rounds)?;

@@ -398,6 +398,7 @@ fn finish(
     let kept = mount_fit.as_ref().filter(|_| !replaces_mounts);
     estimate.widen(&doubt::by_geometry(&data, &strobe, kept, (mounts, config)));
     estimate.widen(&doubt::by_rival(&data, rival, &estimate.model, config));
+    estimate.widen(&doubt::by_curve(&data, config));
     let judgement = estimate.judge(&data, regions.as_ref(), config);
     estimate.ensure_corrects(&judgement)?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {
@@ -405,19 +406,18 @@ fn finish(
     }
     let backscatter = backscatter.map(|fit| fit.of_model(&estimate.model));
     // Daylight is part of the model that corrects.
-    let with_daylight = || raw.data(mounts, strobe.lamps, None);
-    let frames = match &daylight {
-        Some(_) => without_backscatter(&with_daylight(), backscatter.as_ref()).0,
-        None => direct.frames,
+    let frames = if daylight.is_some() {
+        without_backscatter(&raw.data(mounts, strobe.lamps, None), backscatter.as_ref()).0
+    } else {
+        direct.frames
     };
-    let daylight = daylight.map(|fit| fit.of_model(&estimate.model));
     let of_camera = |f: usize| camera.as_ref().map_or([0.0; 3], |c| c.log_gains[f]);
     let log_gain = |(f, gain): (usize, &f64)| of_camera(f).map(|of_camera| of_camera + gain);
     Ok(ModelEstimate {
+        daylight: daylight.map(|fit| fit.of_model(&estimate.model)),
         estimate,
         strobe,
         backscatter,
-        daylight,
         followed,
         log_gains: drop_outs.iter().enumerate().map(log_gain).collect(),
         drop_outs: drop_outs.iter().filter(|g| **g != 0.0).count(),

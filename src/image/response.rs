@@ -14,7 +14,7 @@ pub enum TransferKnown {
     Assumed,
     /// found in this log as a named curve
     Named,
-    /// found in this log, free at its knots
+    /// found in this log, free
     Fitted,
 }
 

@@ -206,7 +206,7 @@ fn camera_file(found: &CameraFit, assumed: Option<&ResponseTable>) -> CameraFile
 /// A transfer curve by points, light 1 at full scale: the curve that was found, on top of the one
 /// that was assumed (sRGB where there is no table).
 fn response_file(curve: &ReadingCurve, assumed: Option<&ResponseTable>) -> ResponseFile {
-    let is_named = curve.knots.iter().all(|k| *k == 0.0);
+    let is_named = curve.coefficients.iter().all(|c| *c == 0.0);
     let transfer = curve.transfer.filter(|_| is_named);
     let light = |value: f64| match transfer {
         Some(transfer) => transfer.to_linear(value),

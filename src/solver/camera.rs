@@ -14,11 +14,11 @@ use crate::coordinates::{Body, Optical, Transform};
 use crate::image::Bands;
 use crate::image::transfer::{Transfer, srgb_encode};
 
-/// Knots of R, evenly spaced over log light.
-pub const KNOTS: usize = 16;
-/// Log light of the first knot; the last is at full scale. Darker values are not sampled.
+/// Cubic B-splines that R is made of, evenly spaced over log light.
+pub const SPLINES: usize = 16;
+/// Log light where R begins; it ends at full scale. Darker values are not sampled.
 const DARKEST: f64 = -6.5;
-/// Segments of the tabulated curve, which reaches this far beyond the knots (log light).
+/// Segments of the tabulated curve, which reaches this far beyond the splines (log light).
 const SEGMENTS: usize = 320;
 const BEYOND: f64 = 1.0;
 /// Least slope of w over x: more light never lowers a pixel value.
@@ -57,7 +57,7 @@ pub struct CameraUnknowns<'s> {
     pub law: Option<&'s [Bands]>,
     /// V
     pub vignetting: bool,
-    /// the knots of R
+    /// the coefficients of R
     pub response: bool,
     /// k
     pub black_level: bool,
@@ -86,25 +86,29 @@ pub struct ReadingCurve {
     pub black_level: Bands,
     /// the curve that was inverted is sRGB, the camera's is this
     pub transfer: Option<Transfer>,
-    /// R at the knots, beside `transfer`
-    pub knots: [f64; KNOTS],
+    /// those of the splines of R, beside `transfer`
+    pub coefficients: [f64; SPLINES],
     /// w at evenly spaced x, increasing
     table: Vec<f64>,
 }
 
 impl Default for ReadingCurve {
     fn default() -> Self {
-        Self::new([0.0; 3], None, [0.0; KNOTS])
+        Self::new([0.0; 3], None, [0.0; SPLINES])
     }
 }
 
 impl ReadingCurve {
-    /// A curve; made monotone where the knots are not.
-    pub fn new(black_level: Bands, transfer: Option<Transfer>, knots: [f64; KNOTS]) -> Self {
+    /// A curve; made monotone where R is not.
+    pub fn new(
+        black_level: Bands,
+        transfer: Option<Transfer>,
+        coefficients: [f64; SPLINES],
+    ) -> Self {
         let correction = |x: f64| {
             let by_transfer = transfer
                 .map_or(0.0, |t| x - t.to_linear(srgb_encode(x.exp())).max(f64::MIN_POSITIVE).ln());
-            by_transfer + hats(x).iter().map(|(k, weight)| weight * knots[*k]).sum::<f64>()
+            by_transfer + splines(x).iter().map(|(k, value)| value * coefficients[*k]).sum::<f64>()
         };
         let step = Self::step();
         let mut table: Vec<f64> = Vec::with_capacity(SEGMENTS + 1);
@@ -115,7 +119,7 @@ impl ReadingCurve {
             let least = table.last().map_or(f64::NEG_INFINITY, |before| before + MIN_SLOPE * step);
             table.push(light.max(least));
         }
-        Self { black_level, transfer, knots, table }
+        Self { black_level, transfer, coefficients, table }
     }
 
     /// Whether it changes nothing.
@@ -125,7 +129,7 @@ impl ReadingCurve {
 
     /// Whether the assumed transfer curve is right.
     pub fn is_straight(&self) -> bool {
-        self.transfer.is_none() && self.knots == [0.0; KNOTS]
+        self.transfer.is_none() && self.coefficients == [0.0; SPLINES]
     }
 
     fn step() -> f64 {
@@ -160,19 +164,28 @@ impl ReadingCurve {
     }
 
     /// The same with other values.
-    pub fn with(&self, black_level: Bands, knots: [f64; KNOTS]) -> Self {
-        if black_level == self.black_level && knots == self.knots {
+    pub fn with(&self, black_level: Bands, coefficients: [f64; SPLINES]) -> Self {
+        if black_level == self.black_level && coefficients == self.coefficients {
             return self.clone();
         }
-        Self::new(black_level, self.transfer, knots)
+        Self::new(black_level, self.transfer, coefficients)
     }
 }
 
-/// Knots about a reading and their weights.
-pub fn hats(x: f64) -> [(usize, f64); 2] {
-    let at = ((x - DARKEST) / -DARKEST * (KNOTS - 1) as f64).clamp(0.0, (KNOTS - 1) as f64);
-    let k = (at as usize).min(KNOTS - 2);
-    [(k, 1.0 - (at - k as f64)), (k + 1, at - k as f64)]
+/// Values of the cubic B-splines that are not 0 at a reading, each with its number. R is smooth, as
+/// a camera's curve is: straight pieces would miss a contrast curve by as much as the noise.
+pub fn splines(x: f64) -> [(usize, f64); 4] {
+    let segments = (SPLINES - 3) as f64;
+    let at = ((x - DARKEST) / -DARKEST * segments).clamp(0.0, segments);
+    let k = (at as usize).min(SPLINES - 4);
+    let t = at - k as f64;
+    let (t2, t3) = (t * t, t * t * t);
+    [
+        (k, (1.0 - t).powi(3) / 6.0),
+        (k + 1, (4.0 - 6.0 * t2 + 3.0 * t3) / 6.0),
+        (k + 2, (1.0 + 3.0 * t + 3.0 * t2 - 3.0 * t3) / 6.0),
+        (k + 3, t3 / 6.0),
+    ]
 }
 
 #[cfg(test)]
@@ -181,11 +194,11 @@ mod tests {
 
     #[test]
     fn a_curve_and_its_inverse_agree_and_slopes_are_derivatives() {
-        let mut knots = [0.0; KNOTS];
-        (0..KNOTS).for_each(|k| knots[k] = 0.1 * (0.7 * k as f64).sin());
+        let mut coefficients = [0.0; SPLINES];
+        (0..SPLINES).for_each(|k| coefficients[k] = 0.1 * (0.7 * k as f64).sin());
         for curve in [
-            ReadingCurve::new([0.0; 3], Some(Transfer::Linear), [0.0; KNOTS]),
-            ReadingCurve::new([0.0; 3], Some(Transfer::Gamma(2.2)), knots),
+            ReadingCurve::new([0.0; 3], Some(Transfer::Linear), [0.0; SPLINES]),
+            ReadingCurve::new([0.0; 3], Some(Transfer::Gamma(2.2)), coefficients),
             ReadingCurve::default(),
         ] {
             for i in 0..60 {
@@ -197,17 +210,24 @@ mod tests {
             }
         }
         // A linear camera read as sRGB: the light is the coded value.
-        let linear = ReadingCurve::new([0.0; 3], Some(Transfer::Linear), [0.0; KNOTS]);
+        let linear = ReadingCurve::new([0.0; 3], Some(Transfer::Linear), [0.0; SPLINES]);
         let x = Transfer::Srgb.to_linear(0.5).ln();
         assert!((linear.light(x).0 - 0.5f64.ln()).abs() < 1e-3);
     }
 
     #[test]
-    fn hats_interpolate() {
+    fn splines_add_up_to_one_and_are_a_smooth_curve() {
         for x in [-7.0, -6.5, -3.3, -0.2, 0.0, 0.4] {
-            let sum: f64 = hats(x).iter().map(|(_, weight)| weight).sum();
+            let sum: f64 = splines(x).iter().map(|(_, value)| value).sum();
             assert!((sum - 1.0).abs() < 1e-12);
         }
-        assert_eq!(hats(0.0)[1], (KNOTS - 1, 1.0));
+        assert_eq!(splines(0.0)[3].0, SPLINES - 1);
+        // Coefficients along a parabola make a parabola: the same second difference everywhere.
+        let sum =
+            |x: f64| splines(x).iter().map(|(k, value)| value * (*k as f64).powi(2)).sum::<f64>();
+        let bend = |x: f64| sum(x - 0.1) - 2.0 * sum(x) + sum(x + 0.1);
+        for x in [-6.0, -3.77, -3.5, -1.2, -0.3] {
+            assert!((bend(x) - bend(-2.0)).abs() < 1e-9, "{x}: {} {}", bend(x), bend(-2.0));
+        }
     }
 }

@@ -119,6 +119,16 @@ fn another_transfer_curve_is_recognised() {
     let v = assert_calibrated("contrast curve", &contrast, 0.012, [1.03, 0.006, 0.004]);
     let found = v.model.camera.and_then(|c| c.response).expect("a curve");
     assert_eq!(found.transfer, "fitted");
+    // Errors of this dive's planes bend the curve: the interval has it.
+    let bent = Dive { sensor: Sensor::Rgb8, seed: 5, ..contrast };
+    assert_calibrated("contrast curve, seed 5", &bent, 0.04, [1.03, 0.006, 0.004]);
+}
+
+/// Half a step of the converter is a black level that no file tells: the interval has it.
+#[test]
+fn an_adc_that_truncates_widens_the_interval() {
+    let truncating = Conditions { has_truncating_adc: true, ..Conditions::default() };
+    assert_calibrated("truncating", &dive(6, truncating), 0.006, [1.02, 0.005, 0.003]);
 }
 
 #[test]

@@ -1,15 +1,18 @@
-//! A strobe, a clock or a mount that fits the log better than the one that is used, though not
-//! surely: what is given is never exact, and α is no surer than by how much it would change.
+//! What else explains the log, though not surely: a strobe, a clock or a mount that fits better
+//! than the one that is used, errors of planes in place of a curve. α is no surer than by how much
+//! it would change.
 
 use nalgebra::Vector3;
 
 use super::error_budget::FEW_ROUNDS;
 use crate::config::EstimateConfig;
+use crate::estimate::camera_fit::CameraFit;
 use crate::estimate::mount_search::MountFit;
 use crate::estimate::strobe_search::StrobePlacement;
 use crate::estimate::{Dataset, Mounts};
 use crate::image::Bands;
 use crate::model::{BeamGrid, ImagingModel};
+use crate::parallel::join;
 use crate::solver::{Observation, PathFor, Setup, sample_path, solve, thinned};
 use crate::vehicle::Lamps;
 
@@ -74,6 +77,23 @@ pub fn by_rival(
     let setup = Setup { rounds: FEW_ROUNDS, ..data.setup(grid, config) };
     let Some(other) = solve(&tracks, &setup, lamps, &sample_path) else { return [0.0; 3] };
     std::array::from_fn(|b| other.attenuation_per_m[b] - model.attenuation_per_m[b])
+}
+
+/// Error of α (1/m) beside a fitted transfer curve. Its contrast rests on how light falls with
+/// range from frame to frame, so that errors of a few planes bend it and take α along: the
+/// difference to frames that need not agree in brightness.
+pub fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
+    let is_held = |camera: &&CameraFit| camera.found.response && !camera.found.gains;
+    let Some(camera) = data.camera.filter(is_held) else { return [0.0; 3] };
+    let tracks = thinned(data.raw_tracks(), MAX_OBSERVATIONS);
+    let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
+    let setup = data.setup(grid, config);
+    let uneven = Setup { camera: Some(camera.with_uneven_frames()), ..setup };
+    let solved = |setup: &Setup<'_>| solve(&tracks, setup, data.lamps, &sample_path);
+    let (Some(even), Some(uneven)) = join(|| solved(&setup), || solved(&uneven)) else {
+        return [0.0; 3];
+    };
+    std::array::from_fn(|b| uneven.attenuation_per_m[b] - even.attenuation_per_m[b])
 }
 
 /// How much of three numbers is more than their standard deviations explain: 0 where these are as

@@ -64,7 +64,9 @@ impl<'s> CameraTerms<'s> {
             band_gain: if bands == 3 { gain(true) } else { None },
             law: camera.law.map(|log_means| GainLaw { bands, log_means }),
             vignetting: camera.vignetting.then_some(Vignetting),
-            response: camera.response.then_some(ResponseTerm { knots: camera.start.knots }),
+            response: camera
+                .response
+                .then_some(ResponseTerm { coefficients: camera.start.coefficients }),
             black_level: camera
                 .black_level
                 .then_some(BlackLevel { bands, level: camera.start.black_level }),
@@ -117,16 +119,16 @@ impl<'s> CameraTerms<'s> {
     /// Takes the steps of response and black level.
     pub fn apply(&mut self, first: usize, values: &mut [f64]) {
         let mut at = first + self.linear_of_band().map(Term::columns).sum::<usize>();
-        let (mut knots, mut level) = (self.curve.knots, self.curve.black_level);
+        let (mut coefficients, mut level) = (self.curve.coefficients, self.curve.black_level);
         if let Some(term) = &mut self.response {
             term.apply(&mut values[at..at + term.columns()]);
-            (knots, at) = (term.knots, at + term.columns());
+            (coefficients, at) = (term.coefficients, at + term.columns());
         }
         if let Some(term) = &mut self.black_level {
             term.apply(&mut values[at..at + term.columns()]);
             level = term.level;
         }
-        self.curve = self.curve.with(level, knots);
+        self.curve = self.curve.with(level, coefficients);
     }
 
     /// Variances of the gains by evidence (MacKay), and the weights that hold the gains, which are

@@ -16,7 +16,7 @@ use crate::image::transfer::Transfer;
 use crate::model::{Backscatter, BeamGrid, BeamPattern, Daylight, Frustum, ImagingModel, Removal};
 use crate::model::{ScatterIntegral, ScatterTable, SpreadingModel};
 use crate::solver::camera::{
-    CameraUnknowns, ImageRadius, KNOTS, ReadingCurve, hats, vignetting_at,
+    CameraUnknowns, ImageRadius, ReadingCurve, SPLINES, splines, vignetting_at,
 };
 use crate::solver::{Independence, Observation, Sample, ScatterOf, sample_path};
 use crate::vehicle::Lamps;
@@ -319,10 +319,10 @@ fn vignetting_is_a_polynomial_of_the_image_radius() {
 #[test]
 fn black_level_and_curve_change_the_reading() {
     let o = observation();
-    let mut knots = [0.0; KNOTS];
-    (0..KNOTS).for_each(|k| knots[k] = 0.05 * (0.9 * k as f64).cos());
+    let mut coefficients = [0.0; SPLINES];
+    (0..SPLINES).for_each(|k| coefficients[k] = 0.05 * (0.9 * k as f64).cos());
     let level = [0.004, 0.003, 0.002];
-    let curve = ReadingCurve::new(level, Some(Transfer::Gamma(2.2)), knots);
+    let curve = ReadingCurve::new(level, Some(Transfer::Gamma(2.2)), coefficients);
     let equation = camera_equation(&curve, &o);
     for band in 0..3 {
         let direct = 1.0 / equation.reading.per_direct[band];
@@ -334,19 +334,19 @@ fn black_level_and_curve_change_the_reading() {
         let with = |step: f64| {
             let mut moved = level;
             moved[band] += step;
-            reading(&ReadingCurve::new(moved, curve.transfer, knots))
+            reading(&ReadingCurve::new(moved, curve.transfer, coefficients))
         };
         let numeric = (with(H) - with(-H)) / (2.0 * H);
         assert!((row[band] * share / numeric - 1.0).abs() < 2e-3, "{} {numeric}", row[band]);
-        let row = derivatives(&ResponseTerm { knots }, &equation, band);
-        for (knot, _) in hats(reading(&curve)) {
+        let row = derivatives(&ResponseTerm { coefficients }, &equation, band);
+        for (spline, _) in splines(reading(&curve)) {
             let with = |step: f64| {
-                let mut moved = knots;
-                moved[knot] += step;
+                let mut moved = coefficients;
+                moved[spline] += step;
                 reading(&ReadingCurve::new(level, curve.transfer, moved))
             };
             let numeric = (with(1e-3) - with(-1e-3)) / 2e-3;
-            assert!((row[knot] * share - numeric).abs() < 0.02, "{} {numeric}", row[knot]);
+            assert!((row[spline] * share - numeric).abs() < 0.02, "{} {numeric}", row[spline]);
         }
     }
 }
