@@ -398,7 +398,7 @@ fn finish(
     let kept = mount_fit.as_ref().filter(|_| !replaces_mounts);
     estimate.widen(&doubt::by_geometry(&data, &strobe, kept, (mounts, config)));
     estimate.widen(&doubt::by_rival(&data, rival, &estimate.model, config));
-    estimate.widen(&doubt::by_curve(&data, config));
+    estimate.widen(&doubt::by_camera(&data, config));
     let judgement = estimate.judge(&data, regions.as_ref(), config);
     estimate.ensure_corrects(&judgement)?;
     if let Some(search) = strobe.search.as_mut().filter(|_| strobe.source.is_some()) {

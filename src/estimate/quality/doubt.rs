@@ -18,6 +18,8 @@ use crate::vehicle::Lamps;
 
 /// Observations that show a change of α well enough.
 const MAX_OBSERVATIONS: usize = 8_000;
+/// A slope of this many standard deviations is no chance.
+const SLOPE_BEYOND_CHANCE: f64 = 4.0;
 
 /// Error of α (1/m) by what of strobe, clock and mount is more than chance.
 pub fn by_geometry(
@@ -79,10 +81,16 @@ pub fn by_rival(
     std::array::from_fn(|b| other.attenuation_per_m[b] - model.attenuation_per_m[b])
 }
 
+/// Error of α (1/m) by what was found of the camera.
+pub fn by_camera(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
+    let (by_curve, by_gains) = (by_curve(data, config), by_gains(data));
+    std::array::from_fn(|b| by_curve[b].hypot(by_gains[b]))
+}
+
 /// Error of α (1/m) beside a fitted transfer curve. Its contrast rests on how light falls with
 /// range from frame to frame, so that errors of a few planes bend it and take α along: the
 /// difference to frames that need not agree in brightness.
-pub fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
+fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
     let is_held = |camera: &&CameraFit| camera.found.response && !camera.found.gains;
     let Some(camera) = data.camera.filter(is_held) else { return [0.0; 3] };
     let tracks = thinned(data.raw_tracks(), MAX_OBSERVATIONS);
@@ -96,6 +104,29 @@ pub fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
     std::array::from_fn(|b| uneven.attenuation_per_m[b] - even.attenuation_per_m[b])
 }
 
+/// Error of α (1/m) beside gains of frames that no law explains, and that follow altitude: flicker
+/// does not, so that part of them may be attenuation. Their slope over path length, where it is
+/// more than chance.
+fn by_gains(data: &Dataset<'_>) -> Bands {
+    let is_random = |camera: &&CameraFit| camera.found.gains && camera.law.is_none();
+    let Some(camera) = data.camera.filter(is_random) else { return [0.0; 3] };
+    let paths_m: Vec<f64> = data.frames.iter().map(|f| 2.0 * f.camera_altitude_m).collect();
+    let slope = slope_beyond_chance(&paths_m, &camera.common_gains());
+    std::array::from_fn(|b| if b < camera.bands { slope } else { 0.0 })
+}
+
+/// Slope of y over x if it is many standard deviations from 0, else 0.
+fn slope_beyond_chance(x: &[f64], y: &[f64]) -> f64 {
+    let count = x.len() as f64;
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / count;
+    let (mean_x, mean_y) = (mean(x), mean(y));
+    let points = || x.iter().zip(y).map(|(x, y)| (x - mean_x, y - mean_y));
+    let variance = points().map(|(x, _)| x * x).sum::<f64>();
+    let slope = points().map(|(x, y)| x * y).sum::<f64>() / variance;
+    let left = points().map(|(x, y)| (y - slope * x).powi(2)).sum::<f64>() / (count - 2.0);
+    if slope.abs() > SLOPE_BEYOND_CHANCE * (left / variance).sqrt() { slope } else { 0.0 }
+}
+
 /// How much of three numbers is more than their standard deviations explain: 0 where these are as
 /// large, near 1 where they are much smaller.
 fn share_beyond_chance(found: Vector3<f64>, std: [f64; 3]) -> f64 {
@@ -106,6 +137,17 @@ fn share_beyond_chance(found: Vector3<f64>, std: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gains_that_follow_altitude_have_a_slope_and_flicker_has_none() {
+        let x: Vec<f64> = (0..40).map(|f| 4.5 + (0.3 * f64::from(f)).sin()).collect();
+        let flicker = |f: usize| 0.05 * (7.0 * f as f64 * f as f64).sin();
+        let y = |slope: f64| x.iter().enumerate().map(|(f, x)| slope * x + flicker(f)).collect();
+        let of = |y: Vec<f64>| slope_beyond_chance(&x, &y);
+        assert_eq!(of(y(0.0)), 0.0);
+        assert!((of(y(-0.08)) + 0.08).abs() < 0.02, "{}", of(y(-0.08)));
+        assert_eq!(slope_beyond_chance(&[1.0; 5], &[0.1, 0.2, 0.1, 0.2, 0.1]), 0.0);
+    }
 
     #[test]
     fn what_chance_explains_is_no_doubt() {
