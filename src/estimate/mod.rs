@@ -72,7 +72,7 @@ use crate::stats;
 use crate::vehicle::Lamps;
 use methods::empirical::Regions;
 use methods::{Candidate, Method, altitude, joint, pairs};
-use quality::identifiability::not_identified;
+use quality::identifiability::{not_identified, uncertain};
 
 /// The chosen estimator's model, and all estimators' answers.
 #[derive(Clone, Debug)]
@@ -124,6 +124,8 @@ impl Estimate {
         if let Some(answer) = self.answers.get_mut(&self.estimator) {
             answer.attenuation_std_per_m = Some(self.attenuation_std_per_m[..bands].to_vec());
         }
+        let reason = uncertain(&self.attenuation_std_per_m[..bands]);
+        self.not_identified = self.not_identified.take().or(reason);
     }
 
     /// Whether there is a model to correct frames with.

@@ -64,7 +64,12 @@ pub fn not_identified(
     if lowest <= 0.0 {
         return Some(NotIdentified::NotPhysical { attenuation_per_m: lowest });
     }
-    let worst = candidate.std_per_m[..model.bands].iter().copied().fold(0.0, f64::max);
+    uncertain(&candidate.std_per_m[..model.bands])
+}
+
+/// Whether standard deviations of α (1/m) are too large for it to be identified.
+pub fn uncertain(std_per_m: &[f64]) -> Option<NotIdentified> {
+    let worst = std_per_m.iter().copied().fold(0.0, f64::max);
     (worst > MAX_STD_PER_M).then_some(NotIdentified::Uncertain { std_per_m: worst })
 }
 
