@@ -197,6 +197,7 @@ impl FrameSamples {
             dark: Vec::new(),
             mean_light: [0.1; 3],
             mean_reading: [0.1; 3],
+            eight_bit: false,
             max_value: u16::MAX,
             is_srgb: false,
             distance_m: camera_altitude_m,

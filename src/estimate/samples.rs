@@ -76,7 +76,9 @@ pub struct FrameSamples {
     pub mean_light: [f64; 3],
     /// mean linear light per band as the camera gave it: without a flat field
     pub mean_reading: [f64; 3],
-    /// steps of the pixel values up to full scale: 255 for 8 bits
+    /// whether the image has pixel values of 8 bits
+    pub eight_bit: bool,
+    /// steps of the pixel values up to full scale
     pub max_value: u16,
     /// whether its transfer curve is assumed to be sRGB
     pub is_srgb: bool,
@@ -91,11 +93,6 @@ pub struct FrameSamples {
 }
 
 impl FrameSamples {
-    /// Whether the image has pixel values of 8 bits.
-    pub fn is_eight_bit(&self) -> bool {
-        self.max_value <= 255
-    }
-
     /// A frame of a known seafloor.
     fn without_samples((frame, stamp): (usize, Stamp), view: &View<'_>, bands: usize) -> Self {
         Self {
@@ -112,6 +109,7 @@ impl FrameSamples {
             dark: Vec::new(),
             mean_light: [0.0; 3],
             mean_reading: [0.0; 3],
+            eight_bit: false,
             max_value: u16::MAX,
             is_srgb: false,
             distance_m: view.plane.distance_m,

@@ -123,7 +123,7 @@ fn value_error_per_m(data: &Dataset<'_>, band: usize) -> f64 {
         let (frame, log_color) =
             (data.frames.get(o.frame as usize)?, f64::from(o.sample.log_color[band]));
         let step = 1.0 / f64::from(frame.max_value);
-        Some(if frame.is_eight_bit() {
+        Some(if frame.eight_bit {
             // The sRGB curve, which is near any gamma: light ∝ value^2.4.
             (COMMON_VALUE_ERROR * step * 2.4 / 1.055 * (-log_color / 2.4).exp(), 1.0)
         } else {

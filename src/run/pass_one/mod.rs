@@ -178,6 +178,7 @@ impl Sampler<'_> {
         let (matching, estimate) = (&config.matching, &config.estimate);
         let mut sampled =
             sample_frame(of, &light, &frame.view(), keypoints_up_to, matching, estimate);
+        sampled.eight_bit = frame.pixels.coding.bits <= 8;
         sampled.max_value = frame.pixels.coding.max_value(session.response().white_level);
         sampled.mean_reading = frame.pixels.mean_light();
         sampled.is_srgb = frame.pixels.coding.transfer == Transfer::Srgb;

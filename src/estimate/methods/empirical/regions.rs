@@ -173,7 +173,7 @@ impl Regions {
         let most = all.iter().map(Vec::len).max().unwrap_or(0);
         let grid = RegionGrid::over(x, y, most)?;
         let bands = frames.iter().map(|f| f.bands).max().unwrap_or(1);
-        let is_8_bit = frames.iter().any(FrameSamples::is_eight_bit);
+        let is_8_bit = frames.iter().any(|f| f.eight_bit);
         let noise = if is_8_bit { NOISE_8_BIT } else { NOISE_16_BIT };
         let of_frame = |samples: &Vec<Sample>| {
             let mut sums = vec![(0.0, 0.0, [0.0; 3]); grid.columns * grid.rows];
