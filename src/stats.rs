@@ -1,4 +1,4 @@
-//! Robust statistics. Values that are not finite are ignored.
+//! Robust statistics, which ignore values that are not finite, and the slope of a line.
 
 /// Ratio of standard deviation to median absolute deviation of a normal distribution.
 const STD_PER_MAD: f64 = 1.4826;
@@ -36,6 +36,20 @@ pub fn robust_std(residuals: &[f64]) -> f64 {
     (STD_PER_MAD * median(&absolute)).max(1e-9)
 }
 
+/// Slope of y over x by least squares, and its standard deviation by what is left, of points
+/// (x, y, weight); `None` where x does not vary or there are fewer than three points.
+pub fn slope(points: &[(f64, f64, f64)]) -> Option<(f64, f64)> {
+    let total: f64 = points.iter().map(|p| p.2).sum();
+    let mean_x = points.iter().map(|(x, _, w)| w * x).sum::<f64>() / total;
+    let mean_y = points.iter().map(|(_, y, w)| w * y).sum::<f64>() / total;
+    let centred = || points.iter().map(|(x, y, w)| (x - mean_x, y - mean_y, w));
+    let spread: f64 = centred().map(|(x, _, w)| w * x * x).sum();
+    let slope = centred().map(|(x, y, w)| w * x * y).sum::<f64>() / spread;
+    let left: f64 = centred().map(|(x, y, w)| w * (y - slope * x).powi(2)).sum();
+    let is_known = points.len() > 2 && spread > 0.0;
+    is_known.then(|| (slope, (left / (points.len() - 2) as f64 / spread).sqrt()))
+}
+
 /// Squared Cauchy weight of a residual, 0 to 1; the square suppresses large outliers.
 pub fn cauchy_weight(residual: f64, scale: f64) -> f64 {
     let x = residual / (2.0 * scale);
@@ -45,6 +59,20 @@ pub fn cauchy_weight(residual: f64, scale: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_line_has_its_slope_and_its_spread_the_standard_deviation() {
+        let points = [(1.0, 2.0, 1.0), (2.0, 4.0, 3.0), (4.0, 8.0, 0.5)];
+        let (exact, std) = slope(&points).expect("a slope");
+        assert!((exact - 2.0).abs() < 1e-12 && std < 1e-12, "{exact} ± {std}");
+        // Residuals of a, -2a, a over x = -1, 0, 1: s² = 6 a², over Σ x² = 2.
+        let (bent, std) =
+            slope(&[(-1.0, 0.9, 1.0), (0.0, 0.8, 1.0), (1.0, 1.1, 1.0)]).expect("a slope");
+        let a = (0.9 + 1.1 - 2.0 * 0.8) / 6.0;
+        assert!((bent - 0.1).abs() < 1e-12 && (std - a * 3f64.sqrt()).abs() < 1e-12, "{std}");
+        assert_eq!(slope(&[(1.0, 0.1, 1.0), (1.0, 0.2, 1.0), (1.0, 0.3, 1.0)]), None);
+        assert_eq!(slope(&points[..2]), None);
+    }
 
     #[test]
     fn quantiles_and_spread() {

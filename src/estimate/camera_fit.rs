@@ -14,8 +14,8 @@ use crate::vehicle::Lamps;
 /// the cost with the third power, and they do not change α.
 const MAX_FRAMES_OF_BAND_GAINS: usize = 120;
 
-/// Standard deviation of gains that evidence begins with (log light).
-const FIRST_UNEVENNESS: f64 = 0.02;
+/// Standard deviations of the gains that a solve begins with.
+pub const FIRST_GAIN_STD: [f64; 2] = [0.02, 0.01];
 
 /// Which of the camera's unknowns the log shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -112,7 +112,8 @@ impl CameraFit {
 
     /// The same with a gain of every frame, by evidence.
     pub fn with_uneven_frames(&self) -> CameraUnknowns<'_> {
-        let std = [FIRST_UNEVENNESS, 0.0];
+        // Errors of planes are common to the bands.
+        let std = [FIRST_GAIN_STD[0], 0.0];
         let gains = FrameGains { means: &self.remaining, std, is_estimated: true };
         CameraUnknowns { gains: Some(gains), ..self.unknowns() }
     }

@@ -8,12 +8,14 @@ use super::error_budget::FEW_ROUNDS;
 use crate::config::EstimateConfig;
 use crate::estimate::camera_fit::CameraFit;
 use crate::estimate::mount_search::MountFit;
+use crate::estimate::samples::FrameSamples;
 use crate::estimate::strobe_search::StrobePlacement;
 use crate::estimate::{Dataset, Mounts};
 use crate::image::Bands;
 use crate::model::{BeamGrid, ImagingModel};
 use crate::parallel::join;
 use crate::solver::{Observation, PathFor, Setup, sample_path, solve, thinned};
+use crate::stats;
 use crate::vehicle::Lamps;
 
 /// Observations that show a change of α well enough.
@@ -93,9 +95,10 @@ pub fn by_camera(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
 fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
     let is_held = |camera: &&CameraFit| camera.found.response && !camera.found.gains;
     let Some(camera) = data.camera.filter(is_held) else { return [0.0; 3] };
-    let tracks = thinned(data.raw_tracks(), MAX_OBSERVATIONS);
+    let tracks = thinned(data.tracks, MAX_OBSERVATIONS);
     let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
-    let setup = data.setup(grid, config);
+    let segments = data.drift.map(|drift| &drift.grid);
+    let setup = Setup { segments, ..data.setup(grid, config) };
     let uneven = Setup { camera: Some(camera.with_uneven_frames()), ..setup };
     let solved = |setup: &Setup<'_>| solve(&tracks, setup, data.lamps, &sample_path);
     let (Some(even), Some(uneven)) = join(|| solved(&setup), || solved(&uneven)) else {
@@ -110,21 +113,11 @@ fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
 fn by_gains(data: &Dataset<'_>) -> Bands {
     let is_random = |camera: &&CameraFit| camera.found.gains && camera.law.is_none();
     let Some(camera) = data.camera.filter(is_random) else { return [0.0; 3] };
-    let paths_m: Vec<f64> = data.frames.iter().map(|f| 2.0 * f.camera_altitude_m).collect();
-    let slope = slope_beyond_chance(&paths_m, &camera.common_gains());
+    let point = |(f, gain): (&FrameSamples, f64)| (2.0 * f.camera_altitude_m, gain, 1.0);
+    let points: Vec<_> = data.frames.iter().zip(camera.common_gains()).map(point).collect();
+    let is_beyond_chance = |(slope, std): &(f64, f64)| slope.abs() > SLOPE_BEYOND_CHANCE * std;
+    let slope = stats::slope(&points).filter(is_beyond_chance).map_or(0.0, |(slope, _)| slope);
     std::array::from_fn(|b| if b < camera.bands { slope } else { 0.0 })
-}
-
-/// Slope of y over x if it is many standard deviations from 0, else 0.
-fn slope_beyond_chance(x: &[f64], y: &[f64]) -> f64 {
-    let count = x.len() as f64;
-    let mean = |v: &[f64]| v.iter().sum::<f64>() / count;
-    let (mean_x, mean_y) = (mean(x), mean(y));
-    let points = || x.iter().zip(y).map(|(x, y)| (x - mean_x, y - mean_y));
-    let variance = points().map(|(x, _)| x * x).sum::<f64>();
-    let slope = points().map(|(x, y)| x * y).sum::<f64>() / variance;
-    let left = points().map(|(x, y)| (y - slope * x).powi(2)).sum::<f64>() / (count - 2.0);
-    if slope.abs() > SLOPE_BEYOND_CHANCE * (left / variance).sqrt() { slope } else { 0.0 }
 }
 
 /// How much of three numbers is more than their standard deviations explain: 0 where these are as
@@ -137,17 +130,6 @@ fn share_beyond_chance(found: Vector3<f64>, std: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn gains_that_follow_altitude_have_a_slope_and_flicker_has_none() {
-        let x: Vec<f64> = (0..40).map(|f| 4.5 + (0.3 * f64::from(f)).sin()).collect();
-        let flicker = |f: usize| 0.05 * (7.0 * f as f64 * f as f64).sin();
-        let y = |slope: f64| x.iter().enumerate().map(|(f, x)| slope * x + flicker(f)).collect();
-        let of = |y: Vec<f64>| slope_beyond_chance(&x, &y);
-        assert_eq!(of(y(0.0)), 0.0);
-        assert!((of(y(-0.08)) + 0.08).abs() < 0.02, "{}", of(y(-0.08)));
-        assert_eq!(slope_beyond_chance(&[1.0; 5], &[0.1, 0.2, 0.1, 0.2, 0.1]), 0.0);
-    }
 
     #[test]
     fn what_chance_explains_is_no_doubt() {

@@ -6,6 +6,7 @@ use crate::estimate::camera_fit::CameraFit;
 use crate::estimate::samples::FrameSamples;
 use crate::image::Bands;
 use crate::solver::{JointAnswer, Observation, Setup, Track, sample_path, solve};
+use crate::stats;
 
 /// Error of planes, attitudes and the beam's grid, common to all points of a few seconds, which
 /// turns into α by the spread of path lengths. By rendered dives (log light).
@@ -113,7 +114,7 @@ fn black_level_share_per_m(data: &Dataset<'_>, camera: &CameraFit, band: usize) 
     let level = camera.curve.black_level[band];
     let share = |o: &Observation| level / (f64::from(o.sample.log_color[band]).exp() + level);
     let observations = data.raw_tracks().iter().flatten();
-    slope(observations.filter_map(|o| Some((data.path(o)?.length_m(), share(o), 1.0))))
+    slope_per_m(observations.filter_map(|o| Some((data.path(o)?.length_m(), share(o), 1.0))))
 }
 
 /// Slope over path length of the log light of an error in pixel values: α absorbs it (1/m).
@@ -132,20 +133,15 @@ fn value_error_per_m(data: &Dataset<'_>, band: usize) -> f64 {
         })
     };
     let observations = data.raw_tracks().iter().flatten();
-    slope(observations.filter_map(|o| {
+    slope_per_m(observations.filter_map(|o| {
         let (error, weight) = log_light(o)?;
         Some((data.path(o)?.length_m(), error, weight))
     }))
 }
 
-/// Size of the slope of y over x, of points (x, y, weight).
-fn slope(points: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
-    let (n, sum_l, sum_e, sum_ll, sum_le) =
-        points.fold((0.0, 0.0, 0.0, 0.0, 0.0), |(n, l, e, ll, le), (x, y, w)| {
-            (n + w, l + w * x, e + w * y, ll + w * x * x, le + w * x * y)
-        });
-    let variance = sum_ll - sum_l * sum_l / f64::max(n, 1e-12);
-    if variance > 0.0 { ((sum_le - sum_l * sum_e / n) / variance).abs() } else { 0.0 }
+/// Size of a slope over path length, of points (path length, error, weight).
+fn slope_per_m(points: impl Iterator<Item = (f64, f64, f64)>) -> f64 {
+    stats::slope(&points.collect::<Vec<_>>()).map_or(0.0, |(slope, _)| slope.abs())
 }
 
 /// Factor by which common-mode errors grow where exponent, strobe position, tilts or daylight are
