@@ -12,7 +12,7 @@
 //! none.
 
 use super::Dataset;
-use super::camera_fit::{CameraFit, CameraTermsFound};
+use super::camera_fit::{CameraFit, CameraTermsFound, FIRST_GAIN_STD};
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
 use crate::image::Bands;
@@ -35,8 +35,6 @@ const BLOCK: usize = 12;
 const TRIAL_ROUNDS: usize = 6;
 /// Observations of the solve that determines the values.
 const MAX_OBSERVATIONS: usize = 24_000;
-/// Standard deviations of the gains that a solve begins with.
-const FIRST_GAIN_STD: [f64; 2] = [0.02, 0.01];
 /// Weight of the gains' variance in the cost.
 const GAIN_WEIGHT: f64 = 0.1;
 /// What is not modelled shows in the gains: clean dives have less than this (log light).
@@ -52,7 +50,7 @@ const LAW_LEAVES: f64 = 0.5;
 /// Log light in the corner, at most, where there is vignetting.
 const MAX_CORNER: f64 = -0.05;
 /// A free curve costs this much more than a named one.
-const NAMED_FIRST: f64 = 0.1;
+const NAMED_FIRST: f64 = 0.2;
 
 /// One hypothesis about the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
