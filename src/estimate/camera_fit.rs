@@ -8,6 +8,7 @@ use crate::solver::camera::{
     CameraUnknowns, FrameGains, ImageRadius, ReadingCurve, SPLINES, VIGNETTING_TERMS, vignetting_at,
 };
 use crate::solver::{CameraSolution, MIN_DIRECT_SHARE, Sample, Track};
+use crate::stats;
 use crate::vehicle::Lamps;
 
 /// More frames than this have no gain per band in the solves that follow: their number goes into
@@ -120,8 +121,7 @@ impl CameraFit {
 
     /// Log gain per frame, the mean over the bands.
     pub fn common_gains(&self) -> Vec<f64> {
-        let mean = |g: &Bands| g[..self.bands].iter().sum::<f64>() / self.bands as f64;
-        self.log_gains.iter().map(mean).collect()
+        common_gains(&self.log_gains, self.bands).collect()
     }
 
     /// Removes it from frames and tracks. Samples that are hardly more than the black level are
@@ -163,4 +163,23 @@ impl CameraFit {
     pub fn changes_reading(&self) -> bool {
         self.curve.transfer.is_some() || self.curve.coefficients != [0.0; SPLINES]
     }
+}
+
+/// Mean over the bands.
+fn common_gains(log_gains: &[Bands], bands: usize) -> impl Iterator<Item = f64> {
+    log_gains.iter().map(move |g| g[..bands].iter().sum::<f64>() / bands as f64)
+}
+
+/// Slope of frames' log gains over path length (1/m), its standard deviation, and the share of the
+/// gains' standard deviation that it leaves; `None` where altitude does not vary.
+pub fn slope_of_gains(
+    frames: &[FrameSamples],
+    log_gains: &[Bands],
+    bands: usize,
+) -> Option<(f64, f64, f64)> {
+    let point = |(f, gain): (&FrameSamples, f64)| (2.0 * f.camera_altitude_m, gain, 1.0);
+    let points: Vec<_> = frames.iter().zip(common_gains(log_gains, bands)).map(point).collect();
+    let (slope, std) = stats::slope(&points)?;
+    let z = slope / std;
+    Some((slope, std, (1.0 + z * z / (points.len() - 2) as f64).powf(-0.5)))
 }

@@ -12,7 +12,7 @@
 //! none.
 
 use super::Dataset;
-use super::camera_fit::{CameraFit, CameraTermsFound, FIRST_GAIN_STD};
+use super::camera_fit::{CameraFit, CameraTermsFound, FIRST_GAIN_STD, slope_of_gains};
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
 use crate::image::Bands;
@@ -44,7 +44,7 @@ const MIN_GAIN_STD: f64 = 0.03;
 /// κ and κ' of a law, at least one of them (finding: .003 to .006 without a law).
 const MIN_LAW: f64 = 0.2;
 const MAX_LAW: f64 = 20.0;
-/// A law halves the variance of the gains.
+/// A law leaves less than this of the gains' standard deviation, and so does attenuation.
 const LAW_LEAVES: f64 = 0.5;
 
 /// Log light in the corner, at most, where there is vignetting.
@@ -152,7 +152,7 @@ pub fn calibrate(
     }
     let mut hypothesis = best.hypothesis;
     hypothesis.terms.gains =
-        hypothesis.terms.law || best.solution.gain_std.iter().any(|std| *std > MIN_GAIN_STD);
+        hypothesis.terms.law || are_uneven(&frames, &best.solution, data.bands());
     if hypothesis == (Hypothesis { terms: CameraTermsFound::default(), transfer: None }) {
         return nothing;
     }
@@ -166,6 +166,15 @@ pub fn calibrate(
         CameraFit::new(&last.solution, hypothesis.terms, law, (radius, data.lamps), data.bands());
     fit.residual = [first_residual, best.residual];
     Some(Calibration { cost_without, is_quiet, cost: best.cost(), camera: Some(fit) })
+}
+
+/// Whether gains of frames are the camera's or the strobe's. No camera darkens what is far: where
+/// they do little but fall with altitude, they are attenuation that errors of planes took from α.
+fn are_uneven(frames: &[FrameSamples], solution: &CameraSolution, bands: usize) -> bool {
+    let [is_common, is_own] = solution.gain_std.map(|std| std > MIN_GAIN_STD);
+    let slope = slope_of_gains(frames, &solution.log_gains, bands);
+    let is_attenuation = slope.is_some_and(|(slope, _, left)| slope < 0.0 && left < LAW_LEAVES);
+    is_own || (is_common && !is_attenuation)
 }
 
 /// Hypotheses with one more term.
@@ -352,4 +361,28 @@ fn part_of(data: &Dataset<'_>) -> (Vec<FrameSamples>, Vec<Track>, Option<TimeGri
         ..drift.grid.clone()
     });
     (frames, data.tracks.iter().filter_map(of_track).collect(), segments)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gains_that_do_little_but_fall_with_altitude_are_attenuation() {
+        let altitude_m = |f: usize| 2.2 + 0.6 * (0.3 * f as f64).sin();
+        let frames: Vec<_> =
+            (0..40).map(|f| FrameSamples::of_level_seafloor(f, altitude_m(f))).collect();
+        let are_uneven = |slope_per_m: f64, flicker: f64| {
+            let gain = |f: usize| {
+                slope_per_m * 2.0 * altitude_m(f) + flicker * (7.0 * (f * f) as f64).sin()
+            };
+            let log_gains = (0..40).map(|f| [gain(f); 3]).collect();
+            let solution =
+                CameraSolution { log_gains, gain_std: [0.07, 0.001], ..CameraSolution::default() };
+            are_uneven(&frames, &solution, 3)
+        };
+        assert!(!are_uneven(-0.08, 0.02));
+        // Auto-exposure brightens what is far; a strobe that flickers does not know the altitude.
+        assert!(are_uneven(0.08, 0.02) && are_uneven(0.0, 0.1) && are_uneven(-0.02, 0.1));
+    }
 }

@@ -6,16 +6,14 @@ use nalgebra::Vector3;
 
 use super::error_budget::FEW_ROUNDS;
 use crate::config::EstimateConfig;
-use crate::estimate::camera_fit::CameraFit;
+use crate::estimate::camera_fit::{CameraFit, slope_of_gains};
 use crate::estimate::mount_search::MountFit;
-use crate::estimate::samples::FrameSamples;
 use crate::estimate::strobe_search::StrobePlacement;
 use crate::estimate::{Dataset, Mounts};
 use crate::image::Bands;
 use crate::model::{BeamGrid, ImagingModel};
 use crate::parallel::join;
 use crate::solver::{Observation, PathFor, Setup, sample_path, solve, thinned};
-use crate::stats;
 use crate::vehicle::Lamps;
 
 /// Observations that show a change of α well enough.
@@ -113,10 +111,10 @@ fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
 fn by_gains(data: &Dataset<'_>) -> Bands {
     let is_random = |camera: &&CameraFit| camera.found.gains && camera.law.is_none();
     let Some(camera) = data.camera.filter(is_random) else { return [0.0; 3] };
-    let point = |(f, gain): (&FrameSamples, f64)| (2.0 * f.camera_altitude_m, gain, 1.0);
-    let points: Vec<_> = data.frames.iter().zip(camera.common_gains()).map(point).collect();
-    let is_beyond_chance = |(slope, std): &(f64, f64)| slope.abs() > SLOPE_BEYOND_CHANCE * std;
-    let slope = stats::slope(&points).filter(is_beyond_chance).map_or(0.0, |(slope, _)| slope);
+    let found = slope_of_gains(data.frames, &camera.log_gains, camera.bands);
+    let is_beyond_chance =
+        |(slope, std, _): &(f64, f64, f64)| slope.abs() > SLOPE_BEYOND_CHANCE * std;
+    let slope = found.filter(is_beyond_chance).map_or(0.0, |(slope, ..)| slope);
     std::array::from_fn(|b| if b < camera.bands { slope } else { 0.0 })
 }
 
