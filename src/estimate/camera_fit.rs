@@ -18,6 +18,9 @@ const MAX_FRAMES_OF_BAND_GAINS: usize = 120;
 /// Standard deviations of the gains that a solve begins with.
 pub const FIRST_GAIN_STD: [f64; 2] = [0.02, 0.01];
 
+/// A slope of this many standard deviations is no chance.
+const BEYOND_CHANCE: f64 = 4.0;
+
 /// Which of the camera's unknowns the log shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CameraTermsFound {
@@ -166,20 +169,14 @@ impl CameraFit {
 }
 
 /// Mean over the bands.
-fn common_gains(log_gains: &[Bands], bands: usize) -> impl Iterator<Item = f64> {
+pub fn common_gains(log_gains: &[Bands], bands: usize) -> impl Iterator<Item = f64> {
     log_gains.iter().map(move |g| g[..bands].iter().sum::<f64>() / bands as f64)
 }
 
-/// Slope of frames' log gains over path length (1/m), its standard deviation, and the share of the
-/// gains' standard deviation that it leaves; `None` where altitude does not vary.
-pub fn slope_of_gains(
-    frames: &[FrameSamples],
-    log_gains: &[Bands],
-    bands: usize,
-) -> Option<(f64, f64, f64)> {
+/// Slope of frames' log gains over path length (1/m); `None` where it may be chance.
+pub fn slope_of_gains(frames: &[FrameSamples], log_gains: &[Bands], bands: usize) -> Option<f64> {
     let point = |(f, gain): (&FrameSamples, f64)| (2.0 * f.camera_altitude_m, gain, 1.0);
     let points: Vec<_> = frames.iter().zip(common_gains(log_gains, bands)).map(point).collect();
-    let (slope, std) = stats::slope(&points)?;
-    let z = slope / std;
-    Some((slope, std, (1.0 + z * z / (points.len() - 2) as f64).powf(-0.5)))
+    let found = stats::slope(&points).filter(|(slope, std)| slope.abs() > BEYOND_CHANCE * std);
+    found.map(|(slope, _)| slope)
 }

@@ -12,7 +12,9 @@
 //! none.
 
 use super::Dataset;
-use super::camera_fit::{CameraFit, CameraTermsFound, FIRST_GAIN_STD, slope_of_gains};
+use super::camera_fit::{
+    CameraFit, CameraTermsFound, FIRST_GAIN_STD, common_gains, slope_of_gains,
+};
 use super::samples::FrameSamples;
 use crate::config::EstimateConfig;
 use crate::image::Bands;
@@ -25,6 +27,7 @@ use crate::solver::terms::attenuation::TimeGrid;
 use crate::solver::{
     CameraSolution, Observation, PathFor, Problem, Setup, Track, sample_path, thinned,
 };
+use crate::stats;
 
 /// Frames and observations that decide between hypotheses.
 const TRIAL_FRAMES: usize = 72;
@@ -44,7 +47,7 @@ const MIN_GAIN_STD: f64 = 0.03;
 /// κ and κ' of a law, at least one of them (finding: .003 to .006 without a law).
 const MIN_LAW: f64 = 0.2;
 const MAX_LAW: f64 = 20.0;
-/// A law leaves less than this of the gains' standard deviation, and so does attenuation.
+/// A law halves the variance of the gains.
 const LAW_LEAVES: f64 = 0.5;
 
 /// Log light in the corner, at most, where there is vignetting.
@@ -168,13 +171,16 @@ pub fn calibrate(
     Some(Calibration { cost_without, is_quiet, cost: best.cost(), camera: Some(fit) })
 }
 
-/// Whether gains of frames are the camera's or the strobe's. No camera darkens what is far: where
-/// they do little but fall with altitude, they are attenuation that errors of planes took from α.
+/// Whether gains of frames are the camera's or the strobe's. Errors of planes dilute the attenuation
+/// within frames, so that gains have to make up for the difference between them: they fall with
+/// altitude, as no camera makes them, and drift rather than jump.
 fn are_uneven(frames: &[FrameSamples], solution: &CameraSolution, bands: usize) -> bool {
     let [is_common, is_own] = solution.gain_std.map(|std| std > MIN_GAIN_STD);
+    let gains: Vec<f64> = common_gains(&solution.log_gains, bands).collect();
+    let jumps: Vec<f64> = gains.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let drift = stats::robust_std(&jumps) < MIN_GAIN_STD * 2f64.sqrt();
     let slope = slope_of_gains(frames, &solution.log_gains, bands);
-    let is_attenuation = slope.is_some_and(|(slope, _, left)| slope < 0.0 && left < LAW_LEAVES);
-    is_own || (is_common && !is_attenuation)
+    is_own || (is_common && !(drift && slope.is_some_and(|slope| slope < 0.0)))
 }
 
 /// Hypotheses with one more term.
@@ -368,21 +374,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gains_that_do_little_but_fall_with_altitude_are_attenuation() {
+    fn gains_that_drift_and_fall_with_altitude_are_errors_of_planes() {
         let altitude_m = |f: usize| 2.2 + 0.6 * (0.3 * f as f64).sin();
         let frames: Vec<_> =
             (0..40).map(|f| FrameSamples::of_level_seafloor(f, altitude_m(f))).collect();
-        let are_uneven = |slope_per_m: f64, flicker: f64| {
+        let are_uneven = |slope_per_m: f64, drift: f64, flicker: f64| {
             let gain = |f: usize| {
-                slope_per_m * 2.0 * altitude_m(f) + flicker * (7.0 * (f * f) as f64).sin()
+                let slow = drift * (0.1 * f as f64).sin();
+                slope_per_m * 2.0 * altitude_m(f) + slow + flicker * (7.0 * (f * f) as f64).sin()
             };
             let log_gains = (0..40).map(|f| [gain(f); 3]).collect();
             let solution =
                 CameraSolution { log_gains, gain_std: [0.07, 0.001], ..CameraSolution::default() };
             are_uneven(&frames, &solution, 3)
         };
-        assert!(!are_uneven(-0.08, 0.02));
-        // Auto-exposure brightens what is far; a strobe that flickers does not know the altitude.
-        assert!(are_uneven(0.08, 0.02) && are_uneven(0.0, 0.1) && are_uneven(-0.02, 0.1));
+        assert!(!are_uneven(-0.08, 0.0, 0.02) && !are_uneven(-0.08, 0.05, 0.0));
+        // Auto-exposure brightens what is far; a strobe does not know the altitude.
+        assert!(are_uneven(0.08, 0.0, 0.02) && are_uneven(0.0, 0.0, 0.1));
+        assert!(are_uneven(0.0, 0.1, 0.0) && are_uneven(-0.08, 0.0, 0.1));
     }
 }

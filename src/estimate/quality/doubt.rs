@@ -18,8 +18,6 @@ use crate::vehicle::Lamps;
 
 /// Observations that show a change of α well enough.
 const MAX_OBSERVATIONS: usize = 8_000;
-/// A slope of this many standard deviations is no chance.
-const SLOPE_BEYOND_CHANCE: f64 = 4.0;
 
 /// Error of α (1/m) by what of strobe, clock and mount is more than chance.
 pub fn by_geometry(
@@ -111,10 +109,7 @@ fn by_curve(data: &Dataset<'_>, config: &EstimateConfig) -> Bands {
 fn by_gains(data: &Dataset<'_>) -> Bands {
     let is_random = |camera: &&CameraFit| camera.found.gains && camera.law.is_none();
     let Some(camera) = data.camera.filter(is_random) else { return [0.0; 3] };
-    let found = slope_of_gains(data.frames, &camera.log_gains, camera.bands);
-    let is_beyond_chance =
-        |(slope, std, _): &(f64, f64, f64)| slope.abs() > SLOPE_BEYOND_CHANCE * std;
-    let slope = found.filter(is_beyond_chance).map_or(0.0, |(slope, ..)| slope);
+    let slope = slope_of_gains(data.frames, &camera.log_gains, camera.bands).unwrap_or(0.0);
     std::array::from_fn(|b| if b < camera.bands { slope } else { 0.0 })
 }
 
