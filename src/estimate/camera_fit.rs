@@ -4,6 +4,7 @@
 
 use super::samples::FrameSamples;
 use crate::image::Bands;
+use crate::model::Metered;
 use crate::solver::camera::{
     CameraUnknowns, FrameGains, ImageRadius, ReadingCurve, SPLINES, VIGNETTING_TERMS, vignetting_at,
 };
@@ -67,15 +68,15 @@ pub struct CameraFit {
 }
 
 impl CameraFit {
-    /// From a solution; `log_means`: see [`CameraUnknowns::law`], `log_level` what they refer to.
+    /// From a solution; `metered`: see [`CameraUnknowns::law`], `log_level` what it refers to.
     pub fn new(
         solution: &CameraSolution,
         found: CameraTermsFound,
-        (log_means, log_level): (&[Bands], Bands),
+        (metered, log_level): (&[Metered], Bands),
         (radius, lamps): (ImageRadius, Lamps),
         bands: usize,
     ) -> Self {
-        let of_law = |f: usize| solution.by_law(&log_means[f], bands);
+        let of_law = |f: usize| solution.by_law(&metered[f], bands);
         let frames = 0..solution.log_gains.len();
         let random = |f: usize| if found.gains { solution.log_gains[f] } else { [0.0; 3] };
         let log_gain = |f: usize| std::array::from_fn(|b| random(f)[b] + of_law(f)[b]);

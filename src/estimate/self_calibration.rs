@@ -20,7 +20,7 @@ use crate::config::EstimateConfig;
 use crate::image::Bands;
 use crate::image::response::TransferKnown;
 use crate::image::transfer::Transfer;
-use crate::model::BeamGrid;
+use crate::model::{BeamGrid, Metered};
 use crate::parallel::par_map;
 use crate::solver::camera::{CameraUnknowns, FrameGains, ImageRadius, ReadingCurve, SPLINES};
 use crate::solver::terms::attenuation::TimeGrid;
@@ -100,7 +100,7 @@ pub struct CameraKnown {
 struct Trials<'s> {
     data: Dataset<'s>,
     tracks: Vec<Track>,
-    log_means: Vec<Bands>,
+    metered: Vec<Metered>,
     log_level: Bands,
     radius: ImageRadius,
     segments: Option<TimeGrid>,
@@ -164,7 +164,7 @@ pub fn calibrate(
         ..Trials::new(*data, (MAX_OBSERVATIONS, radius), &sample_path, config)
     };
     let last = whole.determine(hypothesis, &best)?;
-    let law = (whole.log_means.as_slice(), whole.log_level);
+    let law = (whole.metered.as_slice(), whole.log_level);
     let mut fit =
         CameraFit::new(&last.solution, hypothesis.terms, law, (radius, data.lamps), data.bands());
     fit.residual = [first_residual, best.residual];
@@ -248,8 +248,8 @@ impl<'s> Trials<'s> {
         config: &'s EstimateConfig,
     ) -> Self {
         let tracks = thinned(data.tracks, observations);
-        let (log_means, log_level) = mean_readings(&data);
-        Self { data, tracks, log_means, log_level, radius, segments: None, paths, config }
+        let (metered, log_level) = metered(&data);
+        Self { data, tracks, metered, log_level, radius, segments: None, paths, config }
     }
 
     fn setup(&self) -> Setup<'_> {
@@ -280,7 +280,7 @@ impl<'s> Trials<'s> {
         let gains = |std| FrameGains { means: &means, std, is_estimated: true };
         let camera = CameraUnknowns {
             gains: gain_std.map(gains),
-            law: terms.law.then_some(self.log_means.as_slice()),
+            law: terms.law.then_some(self.metered.as_slice()),
             vignetting: terms.vignetting,
             response: terms.response,
             black_level: terms.black_level,
@@ -302,28 +302,24 @@ impl<'s> Trials<'s> {
     }
 }
 
-/// Log of each frame's mean reading over the log's, by which a camera may set its gain; and the
-/// log's.
-fn mean_readings(data: &Dataset<'_>) -> (Vec<Bands>, Bands) {
-    let bands = data.bands();
-    let log_mean = |f: &FrameSamples| f.mean_reading.map(|v| v.max(1e-6).ln());
-    let mut log_means: Vec<Bands> = data.frames.iter().map(log_mean).collect();
-    let count = log_means.len().max(1) as f64;
-    let log_level: Bands = std::array::from_fn(|b| {
-        if b < bands { log_means.iter().map(|m| m[b]).sum::<f64>() / count } else { 0.0 }
-    });
-    for mean in &mut log_means {
-        (0..3).for_each(|b| mean[b] = if b < bands { mean[b] - log_level[b] } else { 0.0 });
-    }
-    (log_means, log_level)
+/// What a camera may set its gain by of each frame, and the log of the log's mean reading.
+fn metered(data: &Dataset<'_>) -> (Vec<Metered>, Bands) {
+    let (frames, bands) = (data.frames, data.bands());
+    let mean = |b: usize| {
+        let logs = frames.iter().map(|f| f.mean_reading[b].max(1e-6).ln());
+        logs.sum::<f64>() / frames.len().max(1) as f64
+    };
+    let log_level: Bands = std::array::from_fn(|b| if b < bands { mean(b) } else { 0.0 });
+    let of = |f: &FrameSamples| Metered::of(&f.mean_reading, &log_level[..bands]);
+    (frames.iter().map(of).collect(), log_level)
 }
 
 /// The camera's law as its only unknown, for a solve that is about something else.
 pub fn with_law<R>(data: &Dataset<'_>, solve: impl FnOnce(CameraUnknowns<'_>) -> R) -> Option<R> {
-    let (log_means, _) = mean_readings(data);
+    let (metered, _) = metered(data);
     Some(solve(CameraUnknowns {
         gains: None,
-        law: Some(&log_means),
+        law: Some(&metered),
         vignetting: false,
         response: false,
         black_level: false,

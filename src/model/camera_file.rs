@@ -58,9 +58,8 @@ pub struct ResponseFile {
     pub points: Vec<[f64; 2]>,
 }
 
-/// The law of a camera that sets its own gain: log gain of a frame = κ m + κ' (m_Λ − m), where m_Λ
-/// is the log of the frame's mean linear light in a band over `log_level`, and m its mean over the
-/// bands.
+/// The law of a camera that sets its own gain: log gain of a frame = κ m + κ' c_Λ with brightness m
+/// and colour c_Λ of its mean linear light, see [`Metered`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GainLawFile {
     /// κ: auto-exposure
@@ -75,15 +74,33 @@ impl GainLawFile {
     /// Log gains of a frame by its mean linear light.
     pub fn log_gains(&self, mean_light: &Bands) -> Bands {
         let bands = self.log_level.len();
-        let over = |b: usize| mean_light[b].max(1e-6).ln() - self.log_level[b];
-        let mean = (0..bands).map(over).sum::<f64>() / bands.max(1) as f64;
-        std::array::from_fn(|b| {
-            if b < bands {
-                self.exposure * mean + self.white_balance * (over(b) - mean)
-            } else {
-                0.0
-            }
-        })
+        let Metered { brightness, color } = Metered::of(mean_light, &self.log_level);
+        let gain = |b: usize| self.exposure * brightness + self.white_balance * color[b];
+        std::array::from_fn(|b| if b < bands { gain(b) } else { 0.0 })
+    }
+}
+
+/// What a camera that sets its own gain answers of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Metered {
+    /// m: log of its light, summed over the bands, over that of the log
+    pub brightness: f64,
+    /// c_Λ: log of its light in a band over that of the log, less the mean over the bands
+    pub color: Bands,
+}
+
+impl Metered {
+    /// From mean linear light per band, and the log of the log's.
+    pub fn of(mean_light: &Bands, log_level: &[f64]) -> Self {
+        let bands = log_level.len();
+        let light = |b: usize| mean_light[b].max(1e-6);
+        let sum = |of: &dyn Fn(usize) -> f64| (0..bands).map(of).sum::<f64>();
+        let over = |b: usize| light(b).ln() - log_level[b];
+        let mean = sum(&over) / bands.max(1) as f64;
+        Self {
+            brightness: (sum(&light) / sum(&|b| log_level[b].exp())).ln(),
+            color: std::array::from_fn(|b| if b < bands { over(b) - mean } else { 0.0 }),
+        }
     }
 }
 

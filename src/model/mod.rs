@@ -36,7 +36,7 @@ pub use backscatter::{
 };
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use camera_file::{
-    CameraFile, GainLawFile, GainsFile, GeometryFile, ResponseFile, TiltFile, TiltsFile,
+    CameraFile, GainLawFile, GainsFile, GeometryFile, Metered, ResponseFile, TiltFile, TiltsFile,
     VignettingFile,
 };
 pub use daylight::{Daylight, DaylightFile};

@@ -13,6 +13,7 @@ use super::Sample;
 use crate::coordinates::{Body, Optical, Transform};
 use crate::image::Bands;
 use crate::image::transfer::{Transfer, srgb_encode};
+use crate::model::Metered;
 
 /// Cubic B-splines that R is made of, evenly spaced over log light.
 pub const SPLINES: usize = 16;
@@ -53,8 +54,8 @@ pub fn vignetting_at(coefficients: &[f64; VIGNETTING_TERMS], radius_squared: f64
 pub struct CameraUnknowns<'s> {
     /// gains of the frames
     pub gains: Option<FrameGains<'s>>,
-    /// log of each frame's mean reading over the log's, where the camera's law is solved for
-    pub law: Option<&'s [Bands]>,
+    /// what the camera meters of each frame, where the camera's law is solved for
+    pub law: Option<&'s [Metered]>,
     /// V
     pub vignetting: bool,
     /// the coefficients of R

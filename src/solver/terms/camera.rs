@@ -4,11 +4,12 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::black_level::BlackLevel;
 use super::frame_gain::FrameGain;
-use super::gain_law::{GainLaw, factors};
+use super::gain_law::GainLaw;
 use super::response::ResponseTerm;
 use super::vignetting::Vignetting;
 use super::{Equation, Row, Term};
 use crate::image::Bands;
+use crate::model::Metered;
 use crate::solver::Setup;
 use crate::solver::camera::{FrameGains, ReadingCurve, VIGNETTING_TERMS};
 
@@ -62,7 +63,7 @@ impl<'s> CameraTerms<'s> {
         Self {
             gain: gain(false),
             band_gain: if bands == 3 { gain(true) } else { None },
-            law: camera.law.map(|log_means| GainLaw { bands, log_means }),
+            law: camera.law.map(|metered| GainLaw { bands, metered }),
             vignetting: camera.vignetting.then_some(Vignetting),
             response: camera
                 .response
@@ -179,11 +180,9 @@ impl<'s> CameraTerms<'s> {
 
 impl CameraSolution {
     /// The gains that the law gives to a frame of such mean readings.
-    pub fn by_law(&self, log_means: &Bands, bands: usize) -> Bands {
-        std::array::from_fn(|b| {
-            let [mean, own] = factors(log_means, bands, b.min(bands - 1));
-            if b < bands { self.law[0] * mean + self.law[1] * own } else { 0.0 }
-        })
+    pub fn by_law(&self, metered: &Metered, bands: usize) -> Bands {
+        let gain = |b: usize| self.law[0] * metered.brightness + self.law[1] * metered.color[b];
+        std::array::from_fn(|b| if b < bands { gain(b) } else { 0.0 })
     }
 }
 

@@ -1,27 +1,21 @@
 //! The law by which a camera sets its own gain: auto-exposure answers the brightness of the whole
 //! image, auto white balance its colour.
 //!
-//! g = κ m + κ' (m_Λ − m), m_Λ: log of the frame's mean reading in band Λ over that of the log, m:
-//! the mean of m_Λ. A camera that compensates the share s of a change has κ = −s / (1 − s).
+//! g = κ m + κ' c_Λ with the brightness m and colour c_Λ of the frame's mean reading. A camera that
+//! compensates the share s of a change has κ = −s / (1 − s).
 
 use super::{Equation, Prior, Row, Term};
-use crate::image::Bands;
+use crate::model::Metered;
 
 /// Weight that holds κ to 0 where nothing determines it.
-const HOLD_WEIGHT: f64 = 1e-3;
+const HOLD_WEIGHT: f64 = 1e-8;
 
 /// κ, and κ' of a camera of three bands.
 pub struct GainLaw<'s> {
     /// 1 or 3
     pub bands: usize,
-    /// m_Λ per frame
-    pub log_means: &'s [Bands],
-}
-
-/// m, and m_Λ − m of a band.
-pub fn factors(log_means: &Bands, bands: usize, band: usize) -> [f64; 2] {
-    let mean = log_means[..bands].iter().sum::<f64>() / bands as f64;
-    [mean, log_means[band] - mean]
+    /// per frame
+    pub metered: &'s [Metered],
 }
 
 impl Term for GainLaw<'_> {
@@ -30,7 +24,8 @@ impl Term for GainLaw<'_> {
     }
 
     fn jacobian(&self, equation: &Equation, band: usize, row: &mut Row) {
-        let factors = factors(&self.log_means[equation.frame as usize], self.bands, band);
+        let Metered { brightness, color } = self.metered[equation.frame as usize];
+        let factors = [brightness, color[band]];
         factors[..self.columns()].iter().enumerate().for_each(|(k, x)| row.push(k, *x));
     }
 

@@ -1,4 +1,5 @@
 //! Every term's derivatives against finite differences of the forward model.
+use crate::model::Metered;
 
 use nalgebra::Vector3;
 
@@ -353,8 +354,8 @@ fn black_level_and_curve_change_the_reading() {
 
 #[test]
 fn the_law_of_a_camera_answers_brightness_and_colour() {
-    let log_means = [[0.3, -0.1, 0.1]];
-    let term = GainLaw { bands: 3, log_means: &log_means };
+    let metered = [Metered { brightness: 0.1, color: [0.2, -0.2, 0.0] }];
+    let term = GainLaw { bands: 3, metered: &metered };
     let row = derivatives(&term, &Equation::of_residual(0, 0.0), 1);
     assert_near(row[0], 0.1, "brightness");
     assert_near(row[1], -0.2, "colour of the band");
