@@ -99,6 +99,11 @@ pub const CASES: &[Case] = &[
         with_imu: false,
         ..plain(s)
     }),
+    case("auto-exposure, bare altimeter without IMU", |s| Dive {
+        dvl: DvlType::Altimeter,
+        with_imu: false,
+        ..under(s, Conditions { auto_exposure: 0.8, ..Conditions::default() })
+    }),
     case("cheap ROV", cheap_rov),
     case("settings change 8× (ImageMetaData)", |s| recorded(s, SettingsMessage::ImageMetaData)),
     case("settings change 8× (Float64)", |s| recorded(s, SettingsMessage::Float64)),
@@ -132,6 +137,7 @@ const fn or_not_identified(case: &'static str, alpha: f64, images: [f64; 4]) -> 
 
 const REQUIRED: &[Required] = &[
     required("16-bit Bayer, clear", 0.003, [0.70, 1.02, 0.004, 0.002]),
+    or_not_identified("auto-exposure, bare", 0.015, [0.9, 1.03, 0.02, 0.01]),
     required("auto-exposure", 0.015, [0.75, 1.03, 0.012, 0.006]),
     required("flicker", 0.010, [0.80, 1.03, 0.015, 0.003]),
     required("black level", 0.005, [0.95, 1.02, 0.006, 0.004]),

@@ -202,6 +202,7 @@ impl FrameSamples {
             is_srgb: false,
             distance_m: camera_altitude_m,
             is_level_assumed: false,
+            is_tilt_measured: false,
             has_attitude: true,
             planes_around: None,
         }

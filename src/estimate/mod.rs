@@ -22,6 +22,7 @@ mod matching;
 mod methods;
 mod mount_search;
 mod other_light;
+mod plane_adjustment;
 mod quality;
 mod residual_fit;
 mod samples;

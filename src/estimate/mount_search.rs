@@ -62,6 +62,7 @@ impl MountFit {
             body_from_optical: mounts.body_from_optical,
             instrument: mounts.instrument,
             by: Vector3::new(self.clock_offset_s, about_x, about_y),
+            log_scale: 0.0,
         }
     }
 
@@ -107,7 +108,13 @@ pub fn check_mounts(
     let setup = Setup { rounds: ROUNDS, ..data.setup(grid, config) };
     let planes = data.plane_tracks();
     let (planes, body_from_optical) = (planes.as_slice(), data.body_from_optical);
-    let at = |by: Vector3<f64>| ShiftedPlanes { planes, body_from_optical, instrument, by };
+    let at = |by: Vector3<f64>| ShiftedPlanes {
+        planes,
+        body_from_optical,
+        instrument,
+        by,
+        log_scale: 0.0,
+    };
     let evaluate = |by: Vector3<f64>| {
         let shifted = at(by);
         let paths = |o: &Observation, lamps| shifted.path(o, lamps);

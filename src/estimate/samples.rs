@@ -86,6 +86,8 @@ pub struct FrameSamples {
     pub distance_m: f64,
     /// whether the plane is assumed level, for want of beams
     pub is_level_assumed: bool,
+    /// whether overlapping frames show how it is tilted instead
+    pub is_tilt_measured: bool,
     /// whether the vehicle's attitude is known
     pub has_attitude: bool,
     /// planes a little earlier and later, where there are any
@@ -114,6 +116,7 @@ impl FrameSamples {
             is_srgb: false,
             distance_m: view.plane.distance_m,
             is_level_assumed: view.plane.support == Support::AssumedLevel,
+            is_tilt_measured: false,
             has_attitude: true,
             planes_around: None,
         }

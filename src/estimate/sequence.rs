@@ -160,8 +160,8 @@ impl Given<'_> {
         let tilted = Samples { frames, tracks };
         let (samples, gains) = self.followed(&tilted, followed, settings);
         let explained = self.explained(samples.clone(), None);
-        // Beside backscatter, daylight and the strobe's position they may not be needed.
-        let are_needed = self.cost(&explained) < self.cost(level);
+        // Beside backscatter, daylight and the strobe's position those by light may not be needed.
+        let are_needed = found.is_measured || self.cost(&explained) < self.cost(level);
         are_needed.then_some((found, (tilted, samples, gains, explained)))
     }
 

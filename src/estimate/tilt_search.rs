@@ -12,12 +12,14 @@ use super::Dataset;
 use super::Mounts;
 use super::camera_fit::CameraFit;
 use super::other_light::{other_light, without_backscatter};
+use super::plane_adjustment;
 use super::quality::identifiability::MIN_FRAMES;
 use super::samples::FrameSamples;
 use super::self_calibration::{calibrate, with_law};
 use super::strobe_search::place_strobe;
 use crate::config::{EstimateConfig, SelfCalibration};
 use crate::coordinates::{Body, Direction};
+use crate::geometry::PlaneChange;
 use crate::model::BeamGrid;
 use crate::parallel::join;
 use crate::solver::camera::CameraUnknowns;
@@ -46,7 +48,7 @@ const LEAST_DECREASE: f64 = 0.02;
 /// Standard deviations of the tilt that all planes share, and of each frame's own (rad); `None`
 /// where planes are measured.
 pub fn stds(frames: &[FrameSamples]) -> Option<[f64; 2]> {
-    if frames.iter().any(|f| !f.is_level_assumed) {
+    if frames.iter().any(|f| !f.is_level_assumed || f.is_tilt_measured) {
         return None;
     }
     let has_attitude = frames.iter().all(|f| f.has_attitude);
@@ -56,8 +58,10 @@ pub fn stds(frames: &[FrameSamples]) -> Option<[f64; 2]> {
 /// Tilts that were found.
 #[derive(Clone, Debug)]
 pub struct TiltFit {
-    /// per frame: about the camera's x and y axes (rad)
-    pub tilts: Vec<[f64; 2]>,
+    /// per frame
+    pub planes: Vec<PlaneChange>,
+    /// whether places of points show them, not the light
+    pub is_measured: bool,
 }
 
 /// The tilts of a log; `None` where its planes are measured, nothing contradicts level ones, or the
@@ -68,6 +72,9 @@ pub fn find(data: &Dataset<'_>, mounts: &Mounts, config: &EstimateConfig) -> Opt
     let is_asked =
         config.self_calibration == SelfCalibration::Auto && config.estimator.may_be_joint();
     let stds = stds(data.frames).filter(|_| can_tell && is_asked)?;
+    if let Some(planes) = plane_adjustment::planes(data, mounts, stds) {
+        return Some(TiltFit { planes, is_measured: true });
+    }
     let placed =
         |data: &Dataset<'_>| place_strobe(data, mounts.strobe_is_measured, None, config).lamps;
     let grid = BeamGrid::new(config.beam_nodes, config.beam_limit_deg);
@@ -113,7 +120,9 @@ impl Search<'_> {
         let Self { data, mounts, config, .. } = *self;
         let calibrated = |data: &Dataset<'_>| calibrate(data, mounts.camera, config);
         let of = |camera: Option<CameraUnknowns<'_>>| {
-            let fit = TiltFit { tilts: self.run(camera)? };
+            let tilted = |tilt| PlaneChange { tilt, log_scale: 0.0 };
+            let planes = self.run(camera)?.into_iter().map(tilted).collect();
+            let fit = TiltFit { planes, is_measured: false };
             let (frames, tracks) = fit.applied_to(data.frames, data.tracks, mounts);
             let found = calibrated(&Dataset { frames: &frames, tracks: &tracks, ..*data })?;
             Some((fit, found))
@@ -137,7 +146,8 @@ impl Search<'_> {
         // The shared tilt, then those of the frames.
         let mut state = vec![[0.0; 2]; 1 + data.frames.len()];
         for _ in 0..STEPS {
-            let tilts = sums(&state);
+            let tilts: Vec<_> =
+                sums(&state).into_iter().map(|tilt| PlaneChange { tilt, log_scale: 0.0 }).collect();
             let tilted = Tilted::new(&planes, mounts, &tilts);
             let paths = |o: &Observation, lamps| tilted.of(o.frame).path(o, lamps);
             let mut problem = Problem::new(&tracks, &setup, data.lamps, &paths)?;
@@ -172,20 +182,23 @@ fn sums(state: &[[f64; 2]]) -> Vec<[f64; 2]> {
 #[derive(Clone, Copy)]
 struct Tilted<'t> {
     planes: ShiftedPlanes<'t>,
-    tilts: &'t [[f64; 2]],
+    changes: &'t [PlaneChange],
 }
 
 impl<'t> Tilted<'t> {
-    fn new(planes: &'t [PlaneTrack], mounts: &Mounts, tilts: &'t [[f64; 2]]) -> Self {
+    fn new(planes: &'t [PlaneTrack], mounts: &Mounts, changes: &'t [PlaneChange]) -> Self {
         let Mounts { body_from_optical, instrument, .. } = *mounts;
         let by = Vector3::zeros();
-        Self { planes: ShiftedPlanes { planes, body_from_optical, instrument, by }, tilts }
+        let planes = ShiftedPlanes { planes, body_from_optical, instrument, by, log_scale: 0.0 };
+        Self { planes, changes }
     }
 
-    /// With the tilt of a frame.
+    /// With the change of a frame.
     fn of(&self, frame: u32) -> ShiftedPlanes<'t> {
-        let [about_x, about_y] = self.tilts.get(frame as usize).copied().unwrap_or_default();
-        ShiftedPlanes { by: Vector3::new(0.0, about_x, about_y), ..self.planes }
+        let change = self.changes.get(frame as usize).copied().unwrap_or_default();
+        let [about_x, about_y] = change.tilt;
+        let by = Vector3::new(0.0, about_x, about_y);
+        ShiftedPlanes { by, log_scale: change.log_scale, ..self.planes }
     }
 }
 
@@ -199,7 +212,7 @@ impl TiltFit {
     ) -> (Vec<FrameSamples>, Vec<Track>) {
         let planes =
             Dataset::plain(frames, tracks, mounts.body_from_optical, mounts.lamps).plane_tracks();
-        let tilted = Tilted::new(&planes, mounts, &self.tilts);
+        let tilted = Tilted::new(&planes, mounts, &self.planes);
         let of_frame = |(f, frame): (usize, &FrameSamples)| {
             let planes = tilted.of(f as u32);
             let over = |cells: &[(u32, Sample)]| {
@@ -218,6 +231,7 @@ impl TiltFit {
                 normal: Direction::from_vector(normal).unwrap_or(frame.normal),
                 distance_m,
                 camera_altitude_m: distance_m - normal.dot(&camera),
+                is_tilt_measured: self.is_measured,
                 ..frame.with_grid(over(&frame.grid))
             }
         };

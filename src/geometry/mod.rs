@@ -11,6 +11,6 @@ mod trajectory;
 pub use light_path::{
     LampPath, LightPath, MIN_COS_INCIDENCE, SeafloorPoint, StrobeAngles, View, light_path,
 };
-pub use plane::{NoSeafloor, SeafloorPlane, Support, tilt_rotation, turned};
+pub use plane::{NoSeafloor, PlaneChange, SeafloorPlane, Support, tilt_rotation, turned};
 pub use seafloor::SeafloorEstimator;
 pub use terrain::Terrain;

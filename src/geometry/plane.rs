@@ -58,14 +58,12 @@ impl SeafloorPlane {
         }
     }
 
-    /// The same plane, tilted about the camera's x and y axes (rad) around the range instrument,
-    /// whose range it keeps.
+    /// The same plane, changed.
     #[must_use]
-    pub fn tilted(&self, rig: &Rig, about: [f64; 2]) -> Self {
-        let rotation = tilt_rotation(&rig.body_from_optical, about);
+    pub fn changed(&self, rig: &Rig, by: PlaneChange) -> Self {
         let instrument = rig.body_from_dvl.origin().vector();
         let given = (self.normal.vector(), self.distance_m);
-        let (normal, distance_m) = turned(given, rotation, &instrument);
+        let (normal, distance_m) = by.of(given, &rig.body_from_optical, &instrument);
         Direction::from_vector(normal).map_or(*self, |normal| Self { normal, distance_m, ..*self })
     }
 
@@ -84,6 +82,31 @@ impl SeafloorPlane {
     /// Distance of the camera from the plane, along the normal (m).
     pub fn camera_altitude_m(&self, rig: &Rig) -> f64 {
         self.distance_m - self.normal.vector().dot(&rig.body_from_optical.origin().vector())
+    }
+}
+
+/// What a plane that was measured or assumed is off by.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlaneChange {
+    /// rotation about the camera's x and y axes around the range instrument, whose distance from
+    /// the plane it keeps (rad)
+    pub tilt: [f64; 2],
+    /// log of the camera's altitude over the plane thus tilted, over what it is then
+    pub log_scale: f64,
+}
+
+impl PlaneChange {
+    /// Normal and distance of the changed plane, that of `instrument` being its position (m).
+    pub fn of(
+        &self,
+        plane: (Vector3<f64>, f64),
+        body_from_optical: &Transform<Body, Optical>,
+        instrument: &Vector3<f64>,
+    ) -> (Vector3<f64>, f64) {
+        let rotation = tilt_rotation(body_from_optical, self.tilt);
+        let (normal, distance_m) = turned(plane, rotation, instrument);
+        let of_camera_m = normal.dot(&body_from_optical.origin().vector());
+        (normal, of_camera_m + (distance_m - of_camera_m) * self.log_scale.exp())
     }
 }
 

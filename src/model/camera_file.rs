@@ -1,5 +1,6 @@
 //! What a log shows of its camera, clock and mounts, in `model.json`.
 
+use super::frame_gain::{is_one, one};
 use serde::{Deserialize, Serialize};
 
 use crate::image::Bands;
@@ -147,6 +148,9 @@ pub struct TiltFile {
     pub input: usize,
     /// about the camera's x and y axes, around the range instrument (deg)
     pub tilt_deg: [f64; 2],
+    /// factor of the camera's altitude over the tilted plane
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub altitude_factor: f64,
 }
 
 impl CameraFile {

@@ -22,6 +22,7 @@ const SPREADING: Limits = (-10.0, 10.0, "exponents from −10 to 10");
 const LOG_LIGHT: Limits = (-50.0, 50.0, "logarithms from −50 to 50");
 const BLACK_LEVEL: Limits = (0.0, 0.9, "shares of full scale from 0 to 0.9");
 const DIRECTION: Limits = (-180.0, 180.0, "angles from −180° to 180°");
+const ALTITUDE_FACTOR: Limits = (0.1, 10.0, "factors from 0.1 to 10");
 const TILT: Limits = (-90.0, 90.0, "angles from −90° to 90°");
 /// As in the TF tree.
 const WITHIN_VEHICLE: Limits = (-50.0, 50.0, "lengths within 50 m");
@@ -150,7 +151,10 @@ fn daylight(file: &DaylightFile, bands: usize) -> Result<(), String> {
 
 fn tilts(file: &TiltsFile) -> Result<(), String> {
     within("tilts.median_deg", &file.median_deg, TILT)?;
-    file.frames.iter().try_for_each(|f| within("tilts.frames.tilt_deg", &f.tilt_deg, TILT))
+    file.frames.iter().try_for_each(|f| {
+        within("tilts.frames.tilt_deg", &f.tilt_deg, TILT)?;
+        within("tilts.frames.altitude_factor", &[f.altitude_factor], ALTITUDE_FACTOR)
+    })
 }
 
 fn segments(over_time: &AttenuationOverTime, bands: usize) -> Result<(), String> {

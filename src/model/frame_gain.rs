@@ -43,12 +43,12 @@ impl FrameGainFile {
     }
 }
 
-fn one() -> f64 {
+pub(super) fn one() -> f64 {
     1.0
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde passes a reference
-fn is_one(factor: &f64) -> bool {
+pub(super) fn is_one(factor: &f64) -> bool {
     *factor == 1.0
 }
 

@@ -143,7 +143,7 @@ fn diagnostics(found: &ModelEstimate, first: &SampledLog, options: &Options) -> 
     }
     if let Some(tilts) = &found.tilts {
         let sizes_deg: Vec<f64> =
-            tilts.tilts.iter().map(|t| t[0].hypot(t[1]).to_degrees()).collect();
+            tilts.planes.iter().map(|p| p.tilt[0].hypot(p.tilt[1]).to_degrees()).collect();
         let largest_deg = sizes_deg.iter().copied().fold(0.0, f64::max);
         let median_deg = stats::median(&sizes_deg);
         diagnostics.push(EstimateFact::TiltsFound { median_deg, largest_deg }.into());

@@ -4,6 +4,7 @@ use super::log_samples::{LogSamples, SampledLog};
 use crate::diagnostics::Diagnostic;
 use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, Observation, TiltFit, Track};
+use crate::geometry::PlaneChange;
 use crate::image::Bands;
 use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile};
 use crate::session::FrameId;
@@ -71,22 +72,25 @@ impl Pooled {
     }
 }
 
-/// Tilts of the frames' planes, for `model.json`.
+/// What the frames' planes are off by, for `model.json`.
 pub fn tilts_file(
     found: &TiltFit,
     (origins, offsets_s): (&[(usize, Option<FrameId>)], &[f64]),
     frames: &[FrameSamples],
 ) -> TiltsFile {
-    let degrees = |tilt: &[f64; 2]| tilt.map(|t| (t.to_degrees() * 1e6).round() / 1e6);
-    let of = |((input, _), (samples, tilt)): (&(usize, _), (&FrameSamples, &[f64; 2]))| TiltFile {
-        stamp_ns: samples.stamp.plus_seconds(-offsets_s.get(*input).unwrap_or(&0.0)).0,
-        input: *input,
-        tilt_deg: degrees(tilt),
-    };
+    let rounded = |value: f64| (value * 1e6).round() / 1e6;
+    let degrees = |tilt: &[f64; 2]| tilt.map(|t| rounded(t.to_degrees()));
+    let of =
+        |((input, _), (samples, plane)): (&(usize, _), (&FrameSamples, &PlaneChange))| TiltFile {
+            stamp_ns: samples.stamp.plus_seconds(-offsets_s.get(*input).unwrap_or(&0.0)).0,
+            input: *input,
+            tilt_deg: degrees(&plane.tilt),
+            altitude_factor: rounded(plane.log_scale.exp()),
+        };
     let median = std::array::from_fn(|axis| {
-        stats::median(&found.tilts.iter().map(|t| t[axis]).collect::<Vec<_>>())
+        stats::median(&found.planes.iter().map(|p| p.tilt[axis]).collect::<Vec<_>>())
     });
-    let frames = origins.iter().zip(frames.iter().zip(&found.tilts)).map(of).collect();
+    let frames = origins.iter().zip(frames.iter().zip(&found.planes)).map(of).collect();
     TiltsFile { median_deg: degrees(&median), frames }
 }
 

@@ -23,7 +23,7 @@ use crate::session::{FrameId, Options};
 
 const FORMAT: &str = "unwater-samples";
 /// Another version has other samples.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const COMPRESSION: i32 = 3;
 /// A longer first line is of another kind of file (bytes).
 const MAX_LINE: u64 = 1 << 24;

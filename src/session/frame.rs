@@ -134,7 +134,7 @@ impl CameraSession {
         let plane = pings.seafloor(stamp, rig, &self.config.seafloor)?;
         let tilt = tilts.as_ref().filter(|_| plane.support == Support::AssumedLevel);
         Ok(tilt.map_or(plane, |tilts| {
-            plane.tilted(rig, tilts.at(stamp.plus_seconds(-camera_offset_s)))
+            plane.changed(rig, tilts.at(stamp.plus_seconds(-camera_offset_s)))
         }))
     }
 

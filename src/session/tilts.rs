@@ -1,19 +1,20 @@
-//! Tilts of seafloor planes that were assumed level, by a model, for one log.
+//! What seafloor planes that were assumed level are off by, by a model, for one log.
 
 use std::collections::BTreeMap;
 
+use crate::geometry::PlaneChange;
 use crate::model::{ModelFile, TiltFile};
 use crate::units::Stamp;
 
 /// Stamps that are rounded in other ways are the same (ns).
 const SAME_NS: i64 = 1000;
 
-/// Tilts about the camera's x and y axes (rad).
+/// Tilts and altitudes of planes.
 #[derive(Clone, Debug)]
 pub struct Tilts {
-    by_stamp: BTreeMap<Stamp, [f64; 2]>,
+    by_stamp: BTreeMap<Stamp, PlaneChange>,
     /// of all other frames
-    median: [f64; 2],
+    median: PlaneChange,
 }
 
 impl Tilts {
@@ -23,15 +24,19 @@ impl Tilts {
         let tilts = file.tilts.as_ref()?;
         let radians = |tilt: [f64; 2]| tilt.map(f64::to_radians);
         let of_own = |tilt: &&TiltFile| is_own.get(tilt.input).is_some_and(|is_own| *is_own);
-        let of_frame = |tilt: &TiltFile| (Stamp(tilt.stamp_ns), radians(tilt.tilt_deg));
-        let by_stamp: BTreeMap<Stamp, [f64; 2]> =
+        let of_frame = |of: &TiltFile| {
+            let (tilt, log_scale) = (radians(of.tilt_deg), of.altitude_factor.ln());
+            (Stamp(of.stamp_ns), PlaneChange { tilt, log_scale })
+        };
+        let by_stamp: BTreeMap<Stamp, PlaneChange> =
             tilts.frames.iter().filter(of_own).map(of_frame).collect();
-        (!by_stamp.is_empty()).then(|| Self { by_stamp, median: radians(tilts.median_deg) })
+        let median = PlaneChange { tilt: radians(tilts.median_deg), log_scale: 0.0 };
+        (!by_stamp.is_empty()).then_some(Self { by_stamp, median })
     }
 
-    /// The tilt of the frame that the camera stamped at this time.
-    pub fn at(&self, recorded: Stamp) -> [f64; 2] {
+    /// What the plane of the frame is off by that the camera stamped at this time.
+    pub fn at(&self, recorded: Stamp) -> PlaneChange {
         let near = Stamp(recorded.0 - SAME_NS)..=Stamp(recorded.0 + SAME_NS);
-        self.by_stamp.range(near).next().map_or(self.median, |(_, tilt)| *tilt)
+        self.by_stamp.range(near).next().map_or(self.median, |(_, plane)| *plane)
     }
 }

@@ -38,7 +38,9 @@ pub fn estimate(
     let tilted = |o: &Observation, tilt: [f64; 2], lamps: Lamps| {
         let (body_from_optical, (instrument, _)) = (data.body_from_optical, data.tilts?);
         let by = Vector3::new(0.0, tilt[0], tilt[1]);
-        ShiftedPlanes { planes: &planes, body_from_optical, instrument, by }.path(o, lamps)
+        let planes =
+            ShiftedPlanes { planes: &planes, body_from_optical, instrument, by, log_scale: 0.0 };
+        planes.path(o, lamps)
     };
     let tracks = data.raw_tracks();
     let setup = Setup {

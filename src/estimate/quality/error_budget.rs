@@ -5,7 +5,7 @@ use crate::estimate::Dataset;
 use crate::estimate::camera_fit::CameraFit;
 use crate::estimate::samples::FrameSamples;
 use crate::image::Bands;
-use crate::solver::{JointAnswer, Observation, Setup, Track, sample_path, solve};
+use crate::solver::{JointAnswer, Observation, Sample, Setup, Track, sample_path, solve};
 use crate::stats;
 
 /// Error of planes, attitudes and the beam's grid, common to all points of a few seconds, which
@@ -14,6 +14,8 @@ const COMMON_LOG_ERROR: f64 = 0.004;
 /// The same where terrain is followed: altitudes between the returns are interpolated, and ridges
 /// come out too gentle.
 const TERRAIN_LOG_ERROR: f64 = 0.011;
+/// What is less is rounding of the normal of a plane (rad).
+const LEAST_SLOPE: f64 = 1e-6;
 /// Error of the mean of 8-bit pixel values, in pixel values: a JPEG's rounding is seldom even. It
 /// matters in dark areas.
 const COMMON_VALUE_ERROR: f64 = 0.1;
@@ -71,8 +73,10 @@ pub fn common_errors(
 /// Error of the geometry as an error of α (1/m), by the number of independent moments and the
 /// spread of path lengths.
 fn geometry_error_per_m(data: &Dataset<'_>, systematic: f64) -> f64 {
-    let follows_terrain =
-        |f: &FrameSamples| f.grid.iter().any(|(_, sample)| sample.normal != f.normal);
+    let is_off = |f: &FrameSamples, sample: &Sample| {
+        (sample.normal.vector() - f.normal.vector()).norm() > LEAST_SLOPE
+    };
+    let follows_terrain = |f: &FrameSamples| f.grid.iter().any(|(_, sample)| is_off(f, sample));
     let log_error =
         if data.frames.iter().any(follows_terrain) { TERRAIN_LOG_ERROR } else { COMMON_LOG_ERROR };
     log_error.max(systematic) / (path_std_m(data) * (data.moments() as f64).sqrt()).max(1e-9)

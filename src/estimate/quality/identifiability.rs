@@ -17,8 +17,6 @@ const MIN_DIFFERENCE_PER_M: f64 = 0.03;
 const MAX_SYSTEMATIC: f64 = 0.0065;
 /// Backscatter that is not modelled may change α by this share.
 const UNMODELLED_SHARE: f64 = 0.1;
-/// Standard deviation of the tilt of a frame, about which nothing is known (rad).
-const FREE_TILT_RAD: f64 = 0.02;
 /// Largest standard deviation of α (1/m).
 const MAX_STD_PER_M: f64 = 0.08;
 
@@ -73,10 +71,10 @@ pub fn uncertain(std_per_m: &[f64]) -> Option<NotIdentified> {
     (worst > MAX_STD_PER_M).then_some(NotIdentified::Uncertain { std_per_m: worst })
 }
 
-/// Whether tilts of all frames, and gains or the strobe's position with them, come from the light
-/// alone: they stand in for one another.
+/// Whether tilts of all frames are not measured by sensors, nor gains or the strobe's position:
+/// what is left of their errors stands in for one another.
 fn is_tilt_ambiguous(data: &Dataset<'_>) -> bool {
-    let has_attitude = data.tilts.is_none_or(|(_, [_, of_frame])| of_frame < FREE_TILT_RAD);
+    let has_attitude = data.frames.iter().any(|f| f.has_attitude || !f.is_level_assumed);
     let sets_gain = data.camera.is_some_and(|camera| camera.found.gains || camera.found.law);
     !has_attitude && (sets_gain || data.strobe_is_free)
 }

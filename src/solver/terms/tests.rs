@@ -415,6 +415,7 @@ fn a_late_clock_takes_a_later_plane_and_a_rotation_keeps_the_instrument_in_place
         body_from_optical: Transform::identity(),
         instrument,
         by,
+        log_scale: 0.0,
     };
     let o = Observation {
         frame: 0,

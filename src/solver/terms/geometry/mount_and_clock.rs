@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::Parameter;
 use crate::coordinates::{Body, Direction, Optical, Point, Transform};
-use crate::geometry::{LightPath, MIN_COS_INCIDENCE, tilt_rotation, turned};
+use crate::geometry::{LightPath, MIN_COS_INCIDENCE, PlaneChange, tilt_rotation};
 use crate::solver::{Observation, Sample};
 use crate::vehicle::Lamps;
 
@@ -40,6 +40,8 @@ pub struct ShiftedPlanes<'s> {
     pub instrument: Vector3<f64>,
     /// clock (s) and rotations (rad)
     pub by: Vector3<f64>,
+    /// see [`PlaneChange`]
+    pub log_scale: f64,
 }
 
 impl<'s> ShiftedPlanes<'s> {
@@ -97,7 +99,7 @@ impl<'s> ShiftedPlanes<'s> {
             normal = before.0.vector() * b + normal * n + after.0.vector() * a;
             distance = before.1 * b + distance * n + after.1 * a;
         }
-        let rotation = tilt_rotation(&self.body_from_optical, [self.by.y, self.by.z]);
-        turned((normal, distance), rotation, &self.instrument)
+        let change = PlaneChange { tilt: [self.by.y, self.by.z], log_scale: self.log_scale };
+        change.of((normal, distance), &self.body_from_optical, &self.instrument)
     }
 }
