@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::image::Bands;
 use crate::image::flat_field::FlatField;
 use crate::image::response::ResponseTable;
+use crate::stats;
 use crate::vehicle::Camera;
 
 /// The camera, as far as it differs from one with fixed gain, an even lens and the transfer curve
@@ -136,6 +137,51 @@ pub struct TiltsFile {
     pub median_deg: [f64; 2],
     /// of the frames that pass one used
     pub frames: Vec<TiltFile>,
+    /// whether places of points in overlapping frames show them, not the light
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_measured: bool,
+}
+
+impl TiltFile {
+    /// How far the plane is tilted (deg).
+    pub fn size_deg(&self) -> f64 {
+        self.tilt_deg[0].hypot(self.tilt_deg[1])
+    }
+}
+
+/// To six decimals, as the file has it.
+pub fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+impl TiltsFile {
+    /// Those of frames over planes that had been changed by others before.
+    #[must_use]
+    pub fn after(mut self, before: &Self) -> Self {
+        let sum = |a: [f64; 2], b: [f64; 2]| [rounded(a[0] + b[0]), rounded(a[1] + b[1])];
+        for own in &mut self.frames {
+            let is_same = |b: &&TiltFile| b.input == own.input && b.stamp_ns == own.stamp_ns;
+            let of_before = before.frames.iter().find(is_same);
+            let (tilt, factor) =
+                of_before.map_or((before.median_deg, 1.0), |b| (b.tilt_deg, b.altitude_factor));
+            own.tilt_deg = sum(own.tilt_deg, tilt);
+            own.altitude_factor = rounded(own.altitude_factor * factor);
+        }
+        self.median_deg = sum(self.median_deg, before.median_deg);
+        self
+    }
+
+    /// Those of several logs, in their order.
+    pub fn of_logs(logs: impl Iterator<Item = Option<Self>>) -> Option<Self> {
+        let mut all = Self { is_measured: true, ..Self::default() };
+        for (input, log) in logs.enumerate() {
+            let frames = log.into_iter().flat_map(|log| log.frames);
+            all.frames.extend(frames.map(|frame| TiltFile { input, ..frame }));
+        }
+        let of_axis = |axis: usize| all.frames.iter().map(|f| f.tilt_deg[axis]).collect::<Vec<_>>();
+        all.median_deg = [0, 1].map(|axis| stats::median(&of_axis(axis)));
+        (!all.frames.is_empty()).then_some(all)
+    }
 }
 
 /// The tilt of one frame's seafloor plane.
@@ -203,5 +249,38 @@ impl CameraFile {
             parts.push(format!("transfer curve {curve}"));
         }
         parts.join(", ").replace(", over ", " over ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tilts(input: usize, stamp_ns: i64, tilt_deg: [f64; 2], altitude_factor: f64) -> TiltsFile {
+        let frames = vec![TiltFile { stamp_ns, input, tilt_deg, altitude_factor }];
+        TiltsFile { median_deg: tilt_deg, frames, is_measured: true }
+    }
+
+    #[test]
+    fn tilts_over_planes_that_were_tilted_add_up() {
+        let before = tilts(0, 7, [2.0, -1.0], 1.01);
+        let of_same = tilts(0, 7, [0.5, 0.25], 0.99).after(&before);
+        assert_eq!(of_same.frames[0].tilt_deg, [2.5, -0.75]);
+        assert_eq!(of_same.frames[0].altitude_factor, 0.9999);
+        // Another frame had the median.
+        let of_other = tilts(1, 7, [0.5, 0.25], 0.99).after(&before);
+        assert_eq!(of_other.frames[0].tilt_deg, [2.5, -0.75]);
+        assert_eq!(of_other.frames[0].altitude_factor, 0.99);
+        assert_eq!(of_other.median_deg, [2.5, -0.75]);
+    }
+
+    #[test]
+    fn tilts_of_several_logs_are_numbered_by_log() {
+        let log = |tilt_deg: [f64; 2]| Some(tilts(0, 7, tilt_deg, 1.0));
+        let logs = [log([2.0, -1.0]), None, log([1.0, 0.0]), log([0.0, -3.0])];
+        let all = TiltsFile::of_logs(logs.into_iter()).expect("tilts");
+        assert_eq!(all.frames.iter().map(|f| f.input).collect::<Vec<_>>(), [0, 2, 3]);
+        assert_eq!(all.median_deg, [1.0, -1.0]);
+        assert_eq!(TiltsFile::of_logs([None, None].into_iter()), None);
     }
 }

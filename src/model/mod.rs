@@ -37,7 +37,7 @@ pub use backscatter::{
 pub use beam_pattern::{BeamGrid, BeamPattern};
 pub use camera_file::{
     CameraFile, GainLawFile, GainsFile, GeometryFile, Metered, ResponseFile, TiltFile, TiltsFile,
-    VignettingFile,
+    VignettingFile, rounded,
 };
 pub use daylight::{Daylight, DaylightFile};
 pub use drift::{AttenuationOverTime, TimeNode};

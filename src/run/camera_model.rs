@@ -56,7 +56,8 @@ impl CameraModel {
         let is_input = |input: &InputFile| Ok(is_source(input) || recording.is(&input.identity())?);
         let inputs = file.inputs.iter().filter(|_| is_of_log);
         let is_own = inputs.map(is_input).collect::<Result<Vec<bool>>>()?;
-        survey.tilts = Tilts::of(&file, &is_own);
+        let is_of = |input: usize| is_own.get(input).is_some_and(|is_own| *is_own);
+        survey.tilts = file.tilts.as_ref().and_then(|tilts| Tilts::of(tilts, is_of));
         let own = file.inputs.iter().zip(&is_own).find(|(_, is_own)| **is_own);
         survey.unlit_below = own.and_then(|(input, _)| input.unlit_below);
         if let Some(mut geometry) = file.geometry.clone() {

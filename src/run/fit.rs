@@ -6,13 +6,15 @@ use crate::config::{Config, EstimateConfig, Estimator};
 use crate::correct::MeanFrames;
 use crate::diagnostics::{ClockFact, Diagnostic, EstimateFact, Fact, MountFact};
 use crate::error::{Error, Result};
-use crate::model::{CameraFile, GeometryFile, ModelFile, MountCheckFile, ResponseFile};
+use crate::model::{
+    CameraFile, GeometryFile, ModelFile, MountCheckFile, ResponseFile, TiltFile, TiltsFile,
+};
 use crate::parallel::Threads;
-use crate::session::{CameraSession, Options, Progress};
+use crate::session::{CameraSession, Options, Progress, Tilts};
 use crate::stats;
 
 use super::log_samples::LogSamples;
-use super::model_of::model_of;
+use super::model_of::{model_of, tilts_found};
 use super::pass_one::{PassOne, share_of_log};
 
 /// The result of pass one.
@@ -25,8 +27,8 @@ pub struct Fit {
     pub samples: Vec<LogSamples>,
 }
 
-/// Estimates a model. Where the log shows another transfer curve, clock or mount, the frames are
-/// sampled again with these.
+/// Estimates a model. Where the log shows another transfer curve, clock or mount, or other planes,
+/// the frames are sampled again with these.
 ///
 /// # Errors
 /// A log cannot be read, or attenuation cannot be estimated.
@@ -43,12 +45,16 @@ pub fn fit_model(
         let Some(replaced) = found else { break };
         let before: Vec<&CameraSession> =
             if sessions.is_empty() { logs.to_vec() } else { sessions.iter().collect() };
+        let of_logs = before.iter().enumerate();
         let next: Vec<CameraSession> =
-            before.iter().map(|log| replaced.applied_to(log)).collect::<Result<_>>()?;
+            of_logs.map(|(n, log)| replaced.applied_to(log, n)).collect::<Result<_>>()?;
         let mut again = fit(&next.iter().collect::<Vec<_>>(), options, threads, progress)?;
         let camera = fitted.model.camera.as_ref();
         found = Replaced::of(&again.model, camera.and_then(|c| c.response.as_ref()));
         Kept::of(&fitted.model).keep_in(&mut again.model);
+        if let Some(found) = &mut found {
+            found.tilts = measured_tilts(&again.model);
+        }
         (fitted, sessions) = (again, next);
     }
     Ok(fitted)
@@ -67,10 +73,19 @@ const MAX_RESAMPLED: usize = 2;
 const SAME_CURVE: f64 = 0.05;
 const LEAST_VALUE: f64 = 0.08;
 
+/// Planes that are tilted by less than this show patches of the right size (deg).
+const SAME_PLANES_DEG: f64 = 0.5;
+
 /// What frames have to be sampled again for.
 struct Replaced {
     camera: Option<CameraFile>,
     geometry: Option<GeometryFile>,
+    tilts: Option<TiltsFile>,
+}
+
+/// Tilts that places of points show.
+fn measured_tilts(model: &ModelFile) -> Option<TiltsFile> {
+    model.tilts.clone().filter(|tilts| tilts.is_measured)
 }
 
 impl Replaced {
@@ -79,17 +94,26 @@ impl Replaced {
         let is_new = |found: &ResponseFile| known.is_none_or(|known| differ(found, known));
         let camera = model.camera.clone().filter(|c| c.response.as_ref().is_some_and(is_new));
         let geometry = model.geometry.clone();
-        let found = Self { camera, geometry };
-        (found.camera.is_some() || found.geometry.is_some()).then_some(found)
+        let tilts = measured_tilts(model);
+        let is_off = tilts.as_ref().is_some_and(|tilts| {
+            let sizes: Vec<f64> = tilts.frames.iter().map(TiltFile::size_deg).collect();
+            stats::median(&sizes) > SAME_PLANES_DEG
+        });
+        let found = Self { camera, geometry, tilts };
+        (is_off || found.camera.is_some() || found.geometry.is_some()).then_some(found)
     }
 
-    fn applied_to(&self, log: &CameraSession) -> Result<CameraSession> {
+    /// To log number `n`.
+    fn applied_to(&self, log: &CameraSession, n: usize) -> Result<CameraSession> {
         let mut changed = log.clone();
         if let Some(camera) = &self.camera {
             changed.survey.take_response(camera)?;
         }
         if let Some(geometry) = &self.geometry {
             changed.survey.take_geometry(geometry, &log.config.seafloor);
+        }
+        if let Some(tilts) = &self.tilts {
+            changed.survey.tilts = Tilts::of(tilts, |input| input == n);
         }
         Ok(changed)
     }
@@ -110,6 +134,7 @@ pub struct Kept {
     response: Option<(ResponseFile, [f64; 2])>,
     geometry: Option<GeometryFile>,
     mount_check: Option<MountCheckFile>,
+    tilts: Option<TiltsFile>,
     diagnostics: Vec<Diagnostic>,
 }
 
@@ -121,6 +146,7 @@ impl Kept {
             response: model.camera.as_ref().and_then(response),
             geometry: model.geometry.clone(),
             mount_check: model.mount_check.clone(),
+            tilts: measured_tilts(model),
             diagnostics: model.diagnostics.iter().filter(|d| is_of_replaced(d)).cloned().collect(),
         }
     }
@@ -128,6 +154,7 @@ impl Kept {
     /// What all logs have in common; of one log everything, of several no clock.
     pub fn common(of_logs: Vec<Self>) -> Option<Self> {
         let is_alone = of_logs.len() == 1;
+        let tilts = TiltsFile::of_logs(of_logs.iter().map(|log| log.tilts.clone()));
         let of_several = |Self { response, geometry, .. }: Self| {
             let without_clock = |g: GeometryFile| GeometryFile { clock_offset_s: None, ..g };
             let geometry = geometry.map(without_clock).filter(|g| *g != GeometryFile::default());
@@ -138,7 +165,7 @@ impl Kept {
         let first = of_logs.next()?;
         // A mount is that of all logs or of none.
         let is_same = of_logs.all(|kept| kept.geometry == first.geometry);
-        Some(Self { geometry: first.geometry.clone().filter(|_| is_same), ..first })
+        Some(Self { geometry: first.geometry.clone().filter(|_| is_same), tilts, ..first })
     }
 
     /// What was replaced for a model is said by it, too.
@@ -159,15 +186,28 @@ impl Kept {
             geometry.is_camera_held |= before.is_camera_held;
             model.mount_check = self.mount_check.or(model.mount_check.take());
         }
+        if let Some(before) = self.tilts {
+            let tilts = match model.tilts.take() {
+                Some(found) => found.after(&before),
+                None => before,
+            };
+            model.diagnostics.retain(|d| !is_of_tilts(d));
+            model.diagnostics.push(tilts_found(&tilts));
+            model.tilts = Some(tilts);
+        }
         let of_before = self.diagnostics.into_iter();
         let kept: Vec<Diagnostic> = of_before.filter(|d| !model.diagnostics.contains(d)).collect();
-        model.warnings.extend(kept.iter().map(Diagnostic::with_remedy));
         model.diagnostics.extend(kept);
+        model.warnings = model.diagnostics.iter().map(Diagnostic::with_remedy).collect();
     }
 }
 
 fn is_of_camera(diagnostic: &Diagnostic) -> bool {
     matches!(diagnostic.fact, Fact::EstimateFact(EstimateFact::CameraFound { .. }))
+}
+
+fn is_of_tilts(diagnostic: &Diagnostic) -> bool {
+    matches!(diagnostic.fact, Fact::EstimateFact(EstimateFact::TiltsFound { .. }))
 }
 
 fn is_of_replaced(diagnostic: &Diagnostic) -> bool {

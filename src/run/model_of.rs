@@ -23,7 +23,7 @@ use crate::model::limited::without_backscatter;
 use crate::model::{
     AttenuationKind, BackscatterFile, BeamPatternFile, CameraFile, FORMAT, GainLawFile, GainsFile,
     ImagingModel, InputFile, LampFile, LightSettingFile, ModelFile, RangeFactor, RegionLight,
-    RenderingFile, ResponseFile, SpreadingModel, StrobeFile, VignettingFile,
+    RenderingFile, ResponseFile, SpreadingModel, StrobeFile, TiltFile, TiltsFile, VignettingFile,
 };
 use crate::session::Options;
 use crate::stats;
@@ -90,7 +90,15 @@ pub fn model_of(logs: Vec<LogSamples>, options: &Options) -> Result<ModelFile> {
         light_settings: found.followed.iter().map(setting).collect(),
         ..file_of(found.estimate, rendering, inputs, config)
     };
+    diagnostics.extend(file.tilts.as_ref().map(tilts_found));
     Ok(file.with_diagnostics(diagnostics, not_identified))
+}
+
+/// What is said of tilts.
+pub fn tilts_found(tilts: &TiltsFile) -> Diagnostic {
+    let sizes_deg: Vec<f64> = tilts.frames.iter().map(TiltFile::size_deg).collect();
+    let largest_deg = sizes_deg.iter().copied().fold(0.0, f64::max);
+    EstimateFact::TiltsFound { median_deg: stats::median(&sizes_deg), largest_deg }.into()
 }
 
 /// Attenuation of each of several logs, where it differs.
@@ -140,13 +148,6 @@ fn diagnostics(found: &ModelEstimate, first: &SampledLog, options: &Options) -> 
     }
     if options.config.estimate.backscatter == Switch::On && found.backscatter.is_none() {
         diagnostics.push(EstimateFact::BackscatterUnknown.into());
-    }
-    if let Some(tilts) = &found.tilts {
-        let sizes_deg: Vec<f64> =
-            tilts.planes.iter().map(|p| p.tilt[0].hypot(p.tilt[1]).to_degrees()).collect();
-        let largest_deg = sizes_deg.iter().copied().fold(0.0, f64::max);
-        let median_deg = stats::median(&sizes_deg);
-        diagnostics.push(EstimateFact::TiltsFound { median_deg, largest_deg }.into());
     }
     if let Some(daylight) = &found.daylight {
         let bands = found.estimate.model.bands;

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::estimate::{FrameSamples, Observation, TiltFit, Track};
 use crate::geometry::PlaneChange;
 use crate::image::Bands;
-use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile};
+use crate::model::{FrameGainFile, InputFile, RangeFactor, TiltFile, TiltsFile, rounded};
 use crate::session::FrameId;
 use crate::stats;
 
@@ -78,7 +78,6 @@ pub fn tilts_file(
     (origins, offsets_s): (&[(usize, Option<FrameId>)], &[f64]),
     frames: &[FrameSamples],
 ) -> TiltsFile {
-    let rounded = |value: f64| (value * 1e6).round() / 1e6;
     let degrees = |tilt: &[f64; 2]| tilt.map(|t| rounded(t.to_degrees()));
     let of =
         |((input, _), (samples, plane)): (&(usize, _), (&FrameSamples, &PlaneChange))| TiltFile {
@@ -91,7 +90,7 @@ pub fn tilts_file(
         stats::median(&found.planes.iter().map(|p| p.tilt[axis]).collect::<Vec<_>>())
     });
     let frames = origins.iter().zip(frames.iter().zip(&found.planes)).map(of).collect();
-    TiltsFile { median_deg: degrees(&median), frames }
+    TiltsFile { median_deg: degrees(&median), frames, is_measured: found.is_measured }
 }
 
 /// Gains of the frames, for `model.json`, where they are not 1. Frames are those that were pooled;

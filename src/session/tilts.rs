@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::geometry::PlaneChange;
-use crate::model::{ModelFile, TiltFile};
+use crate::model::{TiltFile, TiltsFile};
 use crate::units::Stamp;
 
 /// Stamps that are rounded in other ways are the same (ns).
@@ -18,12 +18,11 @@ pub struct Tilts {
 }
 
 impl Tilts {
-    /// The tilts of a model for a log; `is_own` tells for each input of the model whether it is
-    /// that log. `None` where there are none: they are those of a dive, not of a vehicle.
-    pub fn of(file: &ModelFile, is_own: &[bool]) -> Option<Self> {
-        let tilts = file.tilts.as_ref()?;
+    /// The tilts of a model for a log; `is_own` tells of an input of the model whether it is that
+    /// log. `None` where there are none: they are those of a dive, not of a vehicle.
+    pub fn of(tilts: &TiltsFile, is_own: impl Fn(usize) -> bool) -> Option<Self> {
         let radians = |tilt: [f64; 2]| tilt.map(f64::to_radians);
-        let of_own = |tilt: &&TiltFile| is_own.get(tilt.input).is_some_and(|is_own| *is_own);
+        let of_own = |tilt: &&TiltFile| is_own(tilt.input);
         let of_frame = |of: &TiltFile| {
             let (tilt, log_scale) = (radians(of.tilt_deg), of.altitude_factor.ln());
             (Stamp(of.stamp_ns), PlaneChange { tilt, log_scale })

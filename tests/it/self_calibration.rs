@@ -198,19 +198,25 @@ fn recorded_settings_that_follow_altitude_are_believed() {
 #[test]
 fn a_bare_altimeter_takes_its_slopes_from_the_overlap() {
     let altimeter = Dive { dvl: DvlType::Altimeter, ..dive(210, Conditions::default()) };
-    let v = assert_calibrated("altimeter", &altimeter, 0.0155, [1.05, 0.012, 0.008]);
+    let v = assert_calibrated("altimeter", &altimeter, 0.004, [1.02, 0.005, 0.003]);
     assert_eq!(v.model.tilts.expect("tilts").frames.len(), 40);
 
     // Without an attitude every frame has its own tilt, of 3° at most.
     let alone = Dive { with_imu: false, ..altimeter };
-    let v = assert_calibrated("altimeter alone", &alone, 0.03, [1.12, 0.02, 0.01]);
+    let v = assert_calibrated("altimeter alone", &alone, 0.005, [1.02, 0.005, 0.003]);
     let tilts = v.model.tilts.expect("tilts");
+    assert!(tilts.is_measured);
     let mean = |axis: usize| tilts.frames.iter().map(|t| t.tilt_deg[axis]).sum::<f64>() / 40.0;
     let spread = |axis: usize| {
         let off = |t: &unwater::model::TiltFile| (t.tilt_deg[axis] - mean(axis)).powi(2);
         (tilts.frames.iter().map(off).sum::<f64>() / 40.0).sqrt()
     };
     assert!((1.5..3.0).contains(&spread(0)) && (1.5..3.0).contains(&spread(1)));
+
+    // Nor does a camera that sets its own exposure hide them.
+    let metered = Conditions { auto_exposure: 0.8, ..Conditions::default() };
+    let metered = Dive { conditions: metered, ..alone };
+    assert_calibrated("altimeter and exposure", &metered, 0.008, [1.03, 0.012, 0.003]);
 }
 
 #[test]

@@ -76,7 +76,10 @@ pub fn uncertain(std_per_m: &[f64]) -> Option<NotIdentified> {
 fn is_tilt_ambiguous(data: &Dataset<'_>) -> bool {
     let has_attitude = data.frames.iter().any(|f| f.has_attitude || !f.is_level_assumed);
     let sets_gain = data.camera.is_some_and(|camera| camera.found.gains || camera.found.law);
-    !has_attitude && (sets_gain || data.strobe_is_free)
+    // Overlapping frames leave little of the tilts.
+    let is_measured = data.frames.iter().all(|f| f.is_tilt_measured);
+    let is_unknown = [sets_gain, data.strobe_is_free];
+    !has_attitude && is_unknown.contains(&true) && (!is_measured || is_unknown == [true; 2])
 }
 
 /// Whether several lamps, for which one beam pattern is fitted, leave what looks like a fault of
