@@ -171,9 +171,9 @@ pub fn calibrate(
     Some(Calibration { cost_without, is_quiet, cost: best.cost(), camera: Some(fit) })
 }
 
-/// Whether gains of frames are the camera's or the strobe's. Errors of planes dilute the attenuation
-/// within frames, so that gains have to make up for the difference between them: they fall with
-/// altitude, as no camera makes them, and drift rather than jump.
+/// Whether gains of frames are the camera's or the strobe's. Errors of planes dilute the
+/// attenuation within frames, so that gains have to make up for the difference between them: they
+/// fall with altitude, as no camera makes them, and drift rather than jump.
 fn are_uneven(frames: &[FrameSamples], solution: &CameraSolution, bands: usize) -> bool {
     let [is_common, is_own] = solution.gain_std.map(|std| std > MIN_GAIN_STD);
     let gains: Vec<f64> = common_gains(&solution.log_gains, bands).collect();

@@ -8,7 +8,7 @@ use super::pooled::{Pooled, frame_gains, tilts_file};
 use crate::config::{Config, Method, Spreading, Switch};
 use crate::coordinates::{Body, Optical, Strobe, Transform};
 use crate::correct::{estimate_rendering, rendering_of};
-use crate::diagnostics::{Diagnostic, EstimateFact};
+use crate::diagnostics::{Diagnostic, EstimateFact, NotIdentified};
 use crate::error::Result;
 use crate::estimate::{
     BackscatterFit, CameraFit, CameraKnown, CameraTermsFound, Dataset, EmpiricalFit, Estimate,
@@ -63,8 +63,10 @@ pub fn model_of(logs: Vec<LogSamples>, options: &Options) -> Result<ModelFile> {
     let mut diagnostics = diagnostics(&found, &first, options);
     diagnostics.extend(of_logs);
     // The cause comes before what it does to the estimate.
-    let not_identified =
-        first.not_identified.clone().or_else(|| found.estimate.not_identified.clone());
+    let has_slope = found.tilts.as_ref().is_some_and(|tilts| tilts.is_measured);
+    let of_survey = first.not_identified.clone();
+    let of_survey = of_survey.filter(|why| !has_slope || *why != NotIdentified::SlopeUnknown);
+    let not_identified = of_survey.or_else(|| found.estimate.not_identified.clone());
     let setting = |f: &FollowedSetting| {
         let (topic, name) = first.settings[f.index].clone();
         LightSettingFile { topic, name, law: f.law, reference: f.reference }

@@ -384,6 +384,8 @@ fn whole_logs_with_one_fault_give_the_right_attenuation_or_none() {
         "tf_camera_mount_on_tf_topic",
         "two_channels_one_topic",
         "unchunked_unsorted",
+        // Overlapping frames show the slope.
+        "waterlinked_equal_beams",
     ];
     let estimated = |name: &str| {
         let path = field_log(name)?;
@@ -396,9 +398,7 @@ fn whole_logs_with_one_fault_give_the_right_attenuation_or_none() {
             assert!((found - right).abs() < 0.006, "{name}: {:?}", model.attenuation_per_m);
         }
     }
-    for name in
-        ["dark_midwater_frames", "frozen_pings_small", "long_dropout", "waterlinked_equal_beams"]
-    {
+    for name in ["dark_midwater_frames", "frozen_pings_small", "long_dropout"] {
         let model = estimated(name).expect(name);
         assert!(!model.identified, "{name}: {:?}", model.attenuation_per_m);
     }
