@@ -50,7 +50,7 @@ fn dive(
         let spread = |by: f64| (by * k as f64).fract();
         let point = Vector3::new(step_m * 70.0 * spread(0.618), 2.0 * spread(0.754) - 1.0, 0.0);
         let seen = |(f, body): (usize, &Isometry3<f64>)| {
-            let off = if k % stray == 0 && f % 2 == 0 { 0.2 } else { 0.0 };
+            let off = if k.is_multiple_of(stray) && f.is_multiple_of(2) { 0.2 } else { 0.0 };
             let point = point + Vector3::new(off, 0.0, 0.0);
             let from_camera = body.inverse_transform_point(&point.into()).coords - CAMERA;
             let is_in_view = from_camera.xy().norm() < 0.4 * from_camera.z;
