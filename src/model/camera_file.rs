@@ -143,6 +143,11 @@ pub struct TiltsFile {
 }
 
 impl TiltFile {
+    /// Whether it is that of the same frame.
+    fn is_of(&self, other: &Self) -> bool {
+        (self.input, self.stamp_ns) == (other.input, other.stamp_ns)
+    }
+
     /// How far the plane is tilted (deg).
     pub fn size_deg(&self) -> f64 {
         self.tilt_deg[0].hypot(self.tilt_deg[1])
@@ -155,18 +160,21 @@ pub fn rounded(value: f64) -> f64 {
 }
 
 impl TiltsFile {
-    /// Those of frames over planes that had been changed by others before.
+    /// Those of frames over planes that had been changed by others before; frames that have none
+    /// now keep what they had.
     #[must_use]
     pub fn after(mut self, before: &Self) -> Self {
         let sum = |a: [f64; 2], b: [f64; 2]| [rounded(a[0] + b[0]), rounded(a[1] + b[1])];
         for own in &mut self.frames {
-            let is_same = |b: &&TiltFile| b.input == own.input && b.stamp_ns == own.stamp_ns;
-            let of_before = before.frames.iter().find(is_same);
+            let of_before = before.frames.iter().find(|b| own.is_of(b));
             let (tilt, factor) =
                 of_before.map_or((before.median_deg, 1.0), |b| (b.tilt_deg, b.altitude_factor));
             own.tilt_deg = sum(own.tilt_deg, tilt);
             own.altitude_factor = rounded(own.altitude_factor * factor);
         }
+        let is_lost = |b: &&TiltFile| !self.frames.iter().any(|own| own.is_of(b));
+        let kept: Vec<TiltFile> = before.frames.iter().filter(is_lost).cloned().collect();
+        self.frames.extend(kept);
         self.median_deg = sum(self.median_deg, before.median_deg);
         self
     }
@@ -272,6 +280,8 @@ mod tests {
         assert_eq!(of_other.frames[0].tilt_deg, [2.5, -0.75]);
         assert_eq!(of_other.frames[0].altitude_factor, 0.99);
         assert_eq!(of_other.median_deg, [2.5, -0.75]);
+        // A frame that was not sampled again has its own still.
+        assert_eq!(of_other.frames[1..], before.frames);
     }
 
     #[test]
