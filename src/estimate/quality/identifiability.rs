@@ -75,11 +75,14 @@ pub fn uncertain(std_per_m: &[f64]) -> Option<NotIdentified> {
 /// what is left of their errors stands in for one another.
 fn is_tilt_ambiguous(data: &Dataset<'_>) -> bool {
     let has_attitude = data.frames.iter().any(|f| f.has_attitude || !f.is_level_assumed);
-    let sets_gain = data.camera.is_some_and(|camera| camera.found.gains || camera.found.law);
-    // Overlapping frames leave little of the tilts.
+    let found = data.camera.map(|camera| camera.found).unwrap_or_default();
+    let is_unknown = [found.gains || found.law, data.strobe_is_free];
+    // Overlapping frames leave little of the tilts; over a seafloor that is no plane they leave
+    // what looks like gains without a law.
     let is_measured = data.frames.iter().all(|f| f.is_tilt_measured);
-    let is_unknown = [sets_gain, data.strobe_is_free];
-    !has_attitude && is_unknown.contains(&true) && (!is_measured || is_unknown == [true; 2])
+    let has_other_gains = found.gains && !found.law;
+    let is_left = !is_measured || has_other_gains || is_unknown == [true; 2];
+    !has_attitude && is_unknown.contains(&true) && is_left
 }
 
 /// Whether several lamps, for which one beam pattern is fitted, leave what looks like a fault of
